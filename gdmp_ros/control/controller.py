@@ -151,7 +151,7 @@ class ImpedanceController:
         self._last_pose, self._last_position = measured.pose.copy(), measured.position.copy()
         arm.felt[:] = arm.correction[:] = arm.relief[:] = 0.0
         arm.moments[:] = arm.wanted_moments
-        arm.scalars.unknown = 0.0
+        arm.scalars.unknown, arm.scalars.left = 0.0, 1.0
         arm.nearness[:] = np.maximum(KEEP - clearances(self._chain, self._body, measured.position),
                                      0.0)
         self._hold(measured.pose, measured.position)

@@ -46,6 +46,8 @@ TOOL_SPEED_BAND = 0.15
 GUIDED_BRAKE = 300.0
 #: Speed of a guided tool at which three quarters of its friction act [m/s].
 FREE_SMOOTHING = 0.005
+#: Time constant with which an arm comes to rest whose reference stands before what comes [s].
+STANDS_S = 0.01
 #: Bandwidth with which joints follow a motion of their own [1/s].
 BANDWIDTH = 20.0
 #: `compute` has found no torque; smaller numbers are those of `gdmp_ros.control.contact.feel`.
@@ -242,8 +244,17 @@ def _push(arm):
         push_from_walls(arm.pose, arm.twist, arm.jacobian, arm.limits, arm.outside, arm.push)
     push_apart(arm.frames, arm.axes, arm.position, arm.velocity, arm.capsules, arm.pairs,
                arm.nearness, arm.push)
-    push_away(arm.frames, arm.axes, arm.position, arm.velocity, arm.capsules, arm.volumes,
-              arm.scalars.seen, arm.scalars.dt, arm.depth, arm.push)
+    s = arm.scalars
+    s.left = push_away(arm.frames, arm.axes, arm.position, arm.velocity, arm.capsules,
+                       arm.volumes, s.seen, s.dt, arm.depth, arm.push)
+    left = min(s.slowed, s.left) if records_at(
+        arm.limits, 0, 1, LIMIT_NUMBERS)[0].retreat_speed == 0.0 else 1.0
+    if left < 1.0:
+        # A soft arm lags behind its reference, and would go on when that stands.
+        share = (1.0 - left) / (STANDS_S * (1.0 + left))
+        for i in range(arm.velocity.size):
+            for j in range(arm.velocity.size):
+                arm.push[i] -= share * arm.inertia[i, j] * arm.velocity[j]
 
 
 @kernel
@@ -356,7 +367,7 @@ def compute(numbers):
     without_friction(arm.external, arm.velocity, arm.friction[1], gains.friction_smoothing,
                      external)
     if not springs:
-        s.law, s.stored = TOOL_SPRING, 0.0
+        s.law, s.stored, s.slowed = TOOL_SPRING, 0.0, 1.0
         hold_tool(numbers)
         arm.commanded[:] = 0.0
         if s.does == FREE:

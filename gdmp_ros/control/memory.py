@@ -54,7 +54,8 @@ SCALARS = np.dtype([(name, np.float64) for name in (
     'seen',              # how long ago the volumes around it were seen [s]
     'clearance',         # least distance of a link of the reference from a volume [m]
     'nearest',           # which: volume times capsules plus capsule, or -1
-    'slowed')])          # share of the speed that is left beside volumes that come
+    'slowed',            # share of the speed that is left beside volumes that come
+    'left')])            # the same, where the arm was measured in the last tick
 _SIZES, _SCALARS, _TANK = (dtype.itemsize // 8 for dtype in (SIZES, SCALARS, TANK_NUMBERS))
 _GAINS, _LIMITS = GAIN_NUMBERS.itemsize // 8, LIMIT_NUMBERS.itemsize // 8
 _LIMIT_COUNT = len(LIMITS)

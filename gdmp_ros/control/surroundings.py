@@ -28,7 +28,7 @@ BARRIER, MOST_FORCE = 5000.0, 150.0
 LAST_SEEN_S = 0.3
 #: An arm stands still before a volume reaches it that comes: it is slowed down from this time
 #: before the contact on [s]; at the end a share of the margin is left.
-SLOWED_S, LEFT_SHARE = 0.3, 0.5
+SLOWED_S, LEFT_SHARE = 0.5, 1.0
 #: Volumes that are further away than this are not near [m].
 SEEN_FROM = 0.5
 #: Ends of a link have a row of their own if they are this far along it from its nearest point, so
@@ -86,6 +86,14 @@ def _coming(volume, point, way):
              + way[1] * (volume[TWIST + 1] + turn[2] * lever[0] - turn[0] * lever[2])
              + way[2] * (volume[TWIST + 2] + turn[0] * lever[1] - turn[1] * lever[0]))
     return max(speed, 0.0)
+
+
+@kernel
+def _share_beside(away, margin, coming):
+    """Share of the speed that is left at a distance from what comes nearer [m, m/s]."""
+    if coming == 0.0:
+        return 1.0
+    return min(max((away - LEFT_SHARE * margin) / (SLOWED_S * coming), 0.0), 1.0)
 
 
 @kernel
@@ -170,9 +178,8 @@ def surroundings_rows(frames, axes, position, capsules, volumes, deceleration, f
                 for i in range(3):
                     point[i] = ends[2 * c, i] + along * (ends[2 * c + 1, i] - ends[2 * c, i])
                 coming = _coming(volume, point, way)
-                if coming > 0.0 and retreat == 0.0:
-                    left = (away - LEFT_SHARE * volume[MARGIN]) / (SLOWED_S * coming)
-                    share = min(share, max(left, 0.0))
+                if retreat == 0.0:
+                    share = min(share, _share_beside(away, volume[MARGIN], coming))
                 bound = max(approach(away - volume[MARGIN], deceleration) - coming, -retreat)
                 at = _place_for(bounds, first, count, bound)
                 if bound < fastest and at >= 0:
@@ -187,6 +194,8 @@ def push_away(frames, axes, position, velocity, capsules, volumes, seen, dt, rel
     """
     Add the torque that pushes links away from volumes that are too near: a potential of the depth.
 
+    Returns the share of the speed that is left beside what comes.
+
     :param position: of the joints, measured [rad]
     :param velocity: of the joints, measured [rad/s]
     :param seen: how long ago the volumes were seen [s]
@@ -194,7 +203,7 @@ def push_away(frames, axes, position, velocity, capsules, volumes, seen, dt, rel
         (volumes, capsules); changed
     """
     noinline()
-    n, m, placed = position.size, capsules.shape[0], False
+    n, m, placed, share = position.size, capsules.shape[0], False, 1.0
     links, turns, ends = (local_matrix(n + 1, 7), local_matrix(n, 3), local_matrix(2 * m, 3))
     way, point, row = local_numbers(3), local_numbers(3), local_numbers(n)
     for v in range(volumes.shape[0]):
@@ -204,10 +213,12 @@ def push_away(frames, axes, position, velocity, capsules, volumes, seen, dt, rel
         if not placed:
             place_capsules(frames, axes, position, capsules, links, turns, ends)
             placed = True
+        speed = math.sqrt(volume[TWIST] ** 2 + volume[TWIST + 1] ** 2 + volume[TWIST + 2] ** 2)
+        furthest = volume[MARGIN] + SLOWED_S * speed
         for c in range(m):
             capsule = capsules[c]
             if capsule[0] == 0.0 or _is_allowed(volume, capsule) or _is_far(
-                    volume, capsule, ends[2 * c], ends[2 * c + 1], volume[MARGIN]):
+                    volume, capsule, ends[2 * c], ends[2 * c + 1], furthest):
                 relief[v, c] = 0.0
                 continue
             distance, t = segment_distance(volume, ends[2 * c], ends[2 * c + 1], way)
@@ -215,6 +226,7 @@ def push_away(frames, axes, position, velocity, capsules, volumes, seen, dt, rel
             for i in range(3):
                 point[i] = ends[2 * c, i] + t * (ends[2 * c + 1, i] - ends[2 * c, i])
             coming = _coming(volume, point, way) if seen <= LAST_SEEN_S else 0.0
+            share = min(share, _share_beside(distance - capsule[7], volume[MARGIN], coming))
             relief[v, c] = min(relief[v, c] + dt * coming, deep)
             if deep <= relief[v, c]:
                 continue
@@ -226,6 +238,7 @@ def push_away(frames, axes, position, velocity, capsules, volumes, seen, dt, rel
                         MOST_FORCE)
             for i in range(n):
                 torque[i] -= force * row[i]
+    return share
 
 
 def depths(chain: Chain, body: Body, position: np.ndarray, volumes: np.ndarray) -> np.ndarray:

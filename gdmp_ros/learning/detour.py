@@ -1,0 +1,189 @@
+"""
+A motion around what stands in its way: the same skill, with another path and its timing.
+
+Where the plain path comes nearer to a volume than its margin, a way around is searched
+(`gdmp_ros.scene.route`). The tool moves along it as fast as along the plain path there, so the
+motion takes longer; orientation and stiffness go with the progress. The result is learned as any
+other motion: goals are switched, and it is stopped and slowed down, as usual.
+"""
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+
+from gdmp_ros.dmp.demonstration import Demonstration
+from gdmp_ros.dmp.skill import Skill
+from gdmp_ros.errors import DataError
+from gdmp_ros.scene.route import clearances, Grid, tight, Tool
+from gdmp_ros.scene.scene import Scene
+
+#: Samples of a path; margins that are tried, the first that leaves a way is taken.
+SAMPLES, MARGINS = 401, (2.0, 1.5, 1.1)
+#: The way leaves the plain path this share of its samples before what is in the way, and the
+#: widths with which its corners are rounded.
+LEAD, WIDTHS = 0.06, (0.03, 0.015, 0.006, 0.0)
+#: Basis functions of what is learned.
+BASIS = 120
+
+
+class BlockedError(DataError):
+    """No way was found around a volume."""
+
+
+class Detour(NamedTuple):
+    """
+    A skill that keeps its distance.
+
+    :ivar skill: with the plain path, or with another one
+    :ivar around: names of the volumes that were in the way; empty: the path is the plain one
+    :ivar least: least distance of the tool from a volume, less its margin [m]
+    :ivar longer: length of the path / length of the plain one
+    """
+
+    skill: Skill
+    around: tuple[str, ...]
+    least: float
+    longer: float
+
+
+class _Path(NamedTuple):
+    times: np.ndarray
+    points: np.ndarray
+    positions: np.ndarray
+    turns: np.ndarray
+
+
+def detour(skill: Skill, scene: Scene, tool: Tool, lowest: float = 0.0) -> Detour:
+    """
+    Return the skill with a path around the volumes of a scene.
+
+    :param skill: with a position, and usually an orientation; not rhythmic
+    :param scene: in the frame of the skill
+    :param tool: shape that must not come nearer than the margins
+    :param lowest: height below which no way is searched, unless the path is there [m]
+    :raises BlockedError: if there is no way
+    :raises DataError: for a skill that has no position, repeats a cycle, or has task frames
+    """
+    _check(skill)
+    volumes = scene.packed()
+    path = _sampled(skill)
+    left, which = clearances(volumes, tool, path.positions, path.turns)
+    if left.min() > 0.0:
+        return Detour(skill, (), float(left.min()), 1.0)
+    names = tuple(dict.fromkeys(scene.names[k] for k in which[left <= 0.0]))
+    for at, what in ((0, 'start'), (-1, 'goal')):
+        if left[at] <= 0.0:
+            raise BlockedError(f'blocked by {scene.names[which[at]]}: it is {_mm(left[at])} inside '
+                               f'the margin at the {what}')
+    for margins in MARGINS:
+        way = _way(path, volumes, tool, margins, lowest)
+        if way is None:
+            continue
+        for width in WIDTHS:
+            changed, longer = _learned(skill, path, way, width, names)
+            found = _sampled(changed)
+            least = float(clearances(volumes, tool, found.positions, found.turns)[0].min())
+            if least > 0.0:
+                return Detour(changed, names, least, longer)
+    raise BlockedError(f'blocked by {", ".join(names)}: there is no way around')
+
+
+def _part(skill: Skill, name: str) -> slice | None:
+    """Where the numbers of a factor are in a point; a manifold that is no product is one."""
+    at = 0
+    for known, factor in zip(skill.manifold.names, skill.manifold.factors):
+        if known == name or (name == 'position' and len(skill.manifold.factors) == 1
+                             and factor.is_flat and factor.point_size == 3):
+            return slice(at, at + factor.point_size)
+        at += factor.point_size
+    return None
+
+
+def _check(skill: Skill) -> None:
+    part = _part(skill, 'position')
+    if part is None or part.stop - part.start != 3:
+        raise DataError('the skill has no position in three dimensions to lead around anything')
+    if skill.rhythmic or skill.views:
+        raise DataError('a rhythmic skill, and one with task frames, is not led around obstacles')
+
+
+def _mm(distance: float) -> str:
+    return f'{-1e3 * distance:.0f} mm'
+
+
+def _sampled(skill: Skill) -> _Path:
+    times = np.linspace(0.0, skill.duration, SAMPLES)
+    points = skill.rollout().sample(times).points.reshape(SAMPLES, -1)
+    orientation = _part(skill, 'orientation')
+    turns = (np.array([1.0, 0.0, 0.0, 0.0]) if orientation is None
+             or orientation.stop - orientation.start != 4 else points[:, orientation])
+    return _Path(times, points, points[:, _part(skill, 'position')].copy(), np.broadcast_to(
+        turns, (SAMPLES, 4)))
+
+
+def _way(path: _Path, volumes: np.ndarray, tool: Tool, margins: float, lowest: float
+         ) -> np.ndarray | None:
+    """Return positions around what is in the way, one for each sample of the path."""
+    left, _ = clearances(volumes, tool, path.positions, path.turns, margins)
+    near = np.flatnonzero(left <= 0.0)
+    lead = round(LEAD * SAMPLES)
+    first, last = _free_before(left, near[0] - lead), _free_after(left, near[-1] + lead)
+    middle = path.turns[(near[0] + near[-1]) // 2]
+    grid = Grid(volumes, tool, path.positions, middle, margins, lowest)
+    found = grid.shortest(path.positions[first], path.positions[last])
+    if found is None:
+        return None
+    found = np.vstack([path.positions[first], found, path.positions[last]])
+    found = tight(volumes, tool, found, middle, margins)
+    result = path.positions.copy()
+    # As far along the way as along the plain path.
+    along = _lengths(path.positions[first:last + 1])
+    share = along / along[-1] if along[-1] > 1e-3 else np.linspace(0.0, 1.0, len(along))
+    lengths = _lengths(found)
+    for i in range(3):
+        result[first:last + 1, i] = np.interp(share * lengths[-1], lengths, found[:, i])
+    return result
+
+
+def _free_before(left: np.ndarray, at: int) -> int:
+    while at > 0 and left[at] <= 0.0:
+        at -= 1
+    return max(at, 0)
+
+
+def _free_after(left: np.ndarray, at: int) -> int:
+    while at < len(left) - 1 and left[at] <= 0.0:
+        at += 1
+    return min(at, len(left) - 1)
+
+
+def _lengths(positions: np.ndarray) -> np.ndarray:
+    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(positions, axis=0), axis=1))])
+
+
+def _learned(skill: Skill, path: _Path, way: np.ndarray, width: float, names: tuple[str, ...]
+             ) -> tuple[Skill, float]:
+    """Learn the skill along a way whose corners are rounded."""
+    change = way - path.positions
+    if width:
+        change = gaussian_filter1d(change, width * SAMPLES, axis=0, mode='constant')
+    positions = path.positions + change
+    plain, new = np.diff(_lengths(path.positions)), np.diff(_lengths(positions))
+    # Where the plain path stands, or nearly, the time stays.
+    usual = plain.max() * 0.02
+    slower = np.maximum((new + usual) / (plain + usual), 1.0)
+    # A tempo that jumps would be an acceleration.
+    slower = gaussian_filter1d(slower, 0.02 * SAMPLES, mode='nearest')
+    times = np.concatenate([[0.0], np.cumsum(slower * np.diff(path.times))])
+    points = path.points.copy()
+    points[:, _part(skill, 'position')] = positions
+    learned = Skill.learn(
+        Demonstration(times, points.reshape(-1, *skill.manifold.point_shape), skill.manifold),
+        BASIS, skill.gains.alpha_z, skill.gains.alpha_x, skill.connection,
+        alpha_g=skill.gains.alpha_g, provenance={**skill.provenance, 'around': list(names)})
+    at = times / times[-1]
+    events = [event._replace(progress=float(np.interp(event.progress, path.times / path.times[-1],
+                                                      at))) for event in skill.events]
+    return learned.with_events(events), float(new.sum() / plain.sum())
