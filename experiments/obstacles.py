@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+import time
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,10 +12,19 @@ from experiments.energy_audit import Audit
 from gdmp_ros.control.settings import ControllerSettings, LimitSettings
 from gdmp_ros.control.surroundings import depths
 from gdmp_ros.control.target import POSE, resting_target, STIFFNESS, TWIST
+from gdmp_ros.dmp.demonstration import Demonstration
+from gdmp_ros.dmp.rollout import Rollout
+from gdmp_ros.dmp.skill import Skill
+from gdmp_ros.errors import ManifoldError
+from gdmp_ros.learning.detour import BlockedError, detour
+from gdmp_ros.manifolds.poses import tool_manifold
 from gdmp_ros.manifolds.quaternion import rotation_between
 from gdmp_ros.scene import Scene, Volume
+from gdmp_ros.scene.route import clearances, Grid, Tool
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.closed_loop import ClosedLoop
+from gdmp_ros.sim.path_check import Reach
+from gdmp_ros.sim.tool_shape import tool_of
 from gdmp_ros.sim.volumes import add_volumes, Contact, VolumeBodies
 from gdmp_ros.util.profiles import minimum_jerk
 
@@ -52,7 +62,7 @@ def motion(arm: Arm, rng: np.random.Generator) -> np.ndarray:
             break
     blend = minimum_jerk(np.linspace(0.0, 1.0, 2500))
     shares = np.concatenate([blend, blend[::-1], np.zeros(500)])
-    return arm.home + shares[:, None] * (there - arm.home)
+    return np.asarray(arm.home + shares[:, None] * (there - arm.home))
 
 
 def stream(arm: Arm, postures: np.ndarray, stiffness: float) -> np.ndarray:
@@ -179,8 +189,210 @@ def coming(rng: np.random.Generator, count: int) -> list[Found]:
                   True)]
 
 
+class ToolTrial(NamedTuple):
+    """
+    What a skill that leads around something did.
+
+    :ivar exists: whether a search on the grid finds a way with two margins
+    :ivar named: what it was refused with; empty if it was executed
+    :ivar off: distance from the goal at the end [m]
+    :ivar least: least distance of the arm from the scene [m]
+    :ivar contacts: ticks in which something touched
+    :ivar acceleration: largest of the reference [m/s²]
+    :ivar seconds: that it took to decide
+    """
+
+    exists: bool
+    named: str
+    off: float
+    least: float
+    contacts: int
+    acceleration: float
+    seconds: float
+
+
+#: Margin of the scenes for the tool, and stiffness with which they are executed.
+TOOL_MARGIN, TOOL_STIFFNESS = 0.02, 1000.0
+_DOWN = np.array([0.0, 1.0, 0.0, 0.0])
+
+
+def line(start: np.ndarray, goal: np.ndarray, bow: np.ndarray) -> Skill:
+    """A skill of the tool, pointing down, from one position to another."""
+    times = np.linspace(0.0, 3.0, 300)
+    blend = minimum_jerk(times / 3.0)[:, None]
+    positions = start + blend * (goal - start) + np.sin(np.pi * blend) * bow
+    return Skill.learn(Demonstration(times, np.column_stack(
+        [positions, np.tile(_DOWN, (300, 1))]), tool_manifold(None)))
+
+
+def random_scene(rng: np.random.Generator, tool: Tool) -> tuple[Skill, Scene]:
+    """A skill, and 1 to 8 volumes of which one blocks its path by 20 mm or more."""
+    while True:
+        start, goal = rng.uniform([0.35, -0.35, 0.15], [0.6, 0.35, 0.45], (2, 3))
+        if np.linalg.norm(start - goal) < 0.25:
+            continue
+        skill = line(start, goal, rng.normal(0.0, 0.04, 3))
+        path = skill.rollout().sample(np.linspace(0.0, 3.0, 101)).points[:, :3]
+        volumes = []
+        for k in range(int(rng.integers(1, 9))):
+            place = path[int(rng.integers(30, 70))] + rng.normal(0.0, 0.02 if k == 0 else 0.15, 3)
+            one = _volume(rng, place)
+            volumes.append(Volume(f'volume {k}', one.kind, one.size, one.pose))
+        scene = Scene(volumes, TOOL_MARGIN)
+        left, _ = clearances(scene.packed(), tool, path, _DOWN, 0.0)
+        if min(left[0], left[-1]) > 2.0 * TOOL_MARGIN and left.min() < -0.02 and _begins_free(
+                skill, scene):
+            return skill, scene
+
+
+def _begins_free(skill: Skill, scene: Scene) -> bool:
+    """Whether the whole arm is outside the margins at both ends of a skill."""
+    arm = Arm()
+    reach = Reach(arm)
+    try:
+        postures = [reach.posture(point, arm.home) for point in (skill.start, skill.goal)]
+    except ManifoldError:
+        return False
+    return all(depths(arm.chain, arm.shape, posture, scene.packed(arm.shape.bits)).max() < 0.0
+               for posture in postures)
+
+
+def head_on(rng: np.random.Generator, tool: Tool) -> tuple[Skill, Scene]:
+    """A wall straight across the path, low enough to pass above or beside it."""
+    height, turn = rng.uniform(0.1, 0.3), rng.uniform(-0.3, 0.3)
+    wall = Volume('wall', 'box', (0.3, 0.03, height), np.array(
+        [0.5, 0.0, 0.5 * height, np.cos(turn), 0.0, 0.0, np.sin(turn)]))
+    return line(np.array([0.5, -0.3, 0.2]), np.array([0.5, 0.3, 0.2]), np.zeros(3)), Scene(
+        [wall], TOOL_MARGIN)
+
+
+def trap(rng: np.random.Generator, tool: Tool) -> tuple[Skill, Scene]:
+    """A U of three walls that is open towards the start: to bend is not enough."""
+    height, depth = rng.uniform(0.1, 0.25), rng.uniform(0.08, 0.15)
+    walls = [Volume(name, 'box', size, np.array([x, y, 0.5 * height, 1.0, 0.0, 0.0, 0.0]))
+             for name, size, x, y in (
+                 ('back', (0.36, 0.03, height), 0.5, 0.05),
+                 ('left', (0.03, depth, height), 0.335, 0.05 - 0.5 * depth),
+                 ('right', (0.03, depth, height), 0.665, 0.05 - 0.5 * depth))]
+    return line(np.array([0.5, -0.3, 0.15]), np.array([0.5, 0.3, 0.15]), np.zeros(3)), Scene(
+        walls, TOOL_MARGIN)
+
+
+def tool_trial(skill: Skill, scene: Scene) -> ToolTrial:
+    """Lead a skill around a scene, and execute it on the arm."""
+    arm = Arm(extras=[add_volumes(scene)])
+    tool = tool_of(arm)
+    path = skill.rollout().sample(np.linspace(0.0, 3.0, 101)).points[:, :3]
+    exists = Grid(scene.packed(), tool, path, _DOWN, 2.0, 0.0).shortest(
+        path[0], path[-1]) is not None
+    begun = time.perf_counter()
+    try:
+        found = detour(skill, scene, tool)
+    except BlockedError as error:
+        return ToolTrial(exists, str(error), np.inf, np.inf, 0, 0.0, time.perf_counter() - begun)
+    seconds = time.perf_counter() - begun
+    loop = ClosedLoop(arm, ControllerSettings(guard=ANYWHERE))
+    try:
+        loop.reset(Reach(Arm()).posture(skill.start, arm.home))
+    except ManifoldError:
+        return ToolTrial(False, 'the start is out of reach', np.inf, np.inf, 0, 0.0, seconds)
+    loop.controller.guard.arm()
+    loop.controller.surround(scene)
+    bodies, rollout = VolumeBodies(arm, scene), found.skill.rollout()
+    reference, least, contacts, fastest = resting_target(skill.start), np.inf, 0, 0.0
+    reference[STIFFNESS:STIFFNESS + 36] = diagonal(TOOL_STIFFNESS).ravel()
+    for k in range(round(1e3 * (found.skill.duration + 1.5))):
+        state = rollout.advance(1e-3)
+        reference[:7], reference[TWIST:TWIST + 3] = state.point, state.velocity[:3]
+        fastest = max(fastest, float(np.linalg.norm(state.acceleration[:3])))
+        loop.must_follow(reference)
+        loop.tick()
+        contacts += bool(bodies.contacts())
+        if k % 10 == 0:
+            least = min(least, bodies.least())
+    return ToolTrial(exists, '', float(np.linalg.norm(
+        loop.arm.measure().pose[:3] - skill.goal[:3])), float(least), contacts, fastest, seconds)
+
+
+def _of_tool(draw: Callable[[np.random.Generator, Tool], tuple[Skill, Scene]]
+             ) -> Callable[[np.random.Generator, int], list[Found]]:
+    def case(rng: np.random.Generator, count: int) -> list[Found]:
+        tool = tool_of(Arm())
+        trials = [tool_trial(*draw(rng, tool)) for _ in range(count)]
+        possible = [one for one in trials if one.exists]
+        reached = [one for one in possible if not one.named and one.off < 0.005]
+        executed = [one for one in trials if not one.named]
+        return [
+            Found('share that reaches its goal where there is a way',
+                  len(reached) / max(len(possible), 1), 0.98, True),
+            Found('trials with a contact', sum(one.contacts > 0 for one in executed), 0.0),
+            Found('least distance [m]', min((one.least for one in executed), default=np.inf),
+                  TOOL_MARGIN, True),
+            Found('time to decide [s]', max(one.seconds for one in trials), 2.0),
+            Found('acceleration of the reference [m/s^2]',
+                  max((one.acceleration for one in executed), default=0.0),
+                  LimitSettings().acceleration)]
+    return case
+
+
+def at_rest(rng: np.random.Generator, count: int) -> list[Found]:
+    """Something is put inside the margin of an arm at rest: it stays as it is."""
+    moved, speed = 0.0, 0.0
+    for _ in range(count):
+        loop = ClosedLoop(Arm())
+        arm, home = loop.arm, loop.arm.measure().pose
+        for _ in range(300):
+            loop.tick()
+        place = _place_of(Arm(), arm.home, str(rng.choice(LINKS)))
+        volume = _volume(rng, place + rng.normal(0.0, 0.1, 3))
+        loop.controller.surround(Scene([volume], MARGIN))
+        for _ in range(2000):
+            loop.tick()
+        moved = max(moved, float(np.linalg.norm(arm.measure().pose[:3] - home[:3])))
+        speed = max(speed, float(np.abs(arm.data.qvel).max()))
+    return [Found('the tool moves by [m]', moved, 1e-3),
+            Found('speed of a joint at the end [rad/s]', speed, 1e-3)]
+
+
+def retreating(rng: np.random.Generator, count: int) -> list[Found]:
+    """Something comes with up to 0.1 m/s, and the arm may go away with 0.3 m/s."""
+    trials = [arm_trial(rng, float(rng.uniform(0.05, 0.1)), 0.3) for _ in range(count)]
+    return [Found('share of trials with a contact',
+                  sum(bool(one.contacts) for one in trials) / count, 0.0)]
+
+
+def step(rng: np.random.Generator, count: int) -> list[Found]:
+    """Time of a step with eight volumes of a kind around the path / without."""
+    skill = line(np.array([0.4, -0.3, 0.3]), np.array([0.4, 0.3, 0.3]), np.zeros(3))
+    result = []
+    for kind, size in (('sphere', (0.05,)), ('box', (0.1, 0.1, 0.1)), ('capsule', (0.03, 0.2)),
+                       ('plane', ())):
+        volumes = []
+        for k in range(8):
+            turn = rng.normal(size=4)
+            place = np.array([0.4 + rng.choice([-0.15, 0.15]), 0.6 * (k / 7.0 - 0.5), 0.3])
+            volumes.append(Volume(f'{k}', kind, size, np.concatenate(
+                [place, turn / np.linalg.norm(turn)])))
+        with_them, without = [_step_time(skill, scene) for scene in (Scene(volumes), Scene())]
+        result.append(Found(f'eight of a kind ({kind})', with_them / without, 1.5))
+    return result
+
+
+def _step_time(skill: Skill, scene: Scene) -> float:
+    best, times = np.inf, np.arange(0.0, 3.0, 1e-3)
+    for _ in range(40):
+        rollout = Rollout(skill)
+        rollout.set_obstacles(scene)
+        begun = time.perf_counter()
+        rollout.sample(times)
+        best = min(best, time.perf_counter() - begun)
+    return best
+
+
 CASES: dict[str, Callable[[np.random.Generator, int], list[Found]]] = {
-    'standing': standing, 'coming': coming}
+    'random': _of_tool(random_scene), 'head-on': _of_tool(head_on), 'trap': _of_tool(trap),
+    'standing': standing, 'coming': coming, 'retreating': retreating, 'at-rest': at_rest,
+    'step': step}
 
 
 def rows(task: tuple[str, int]) -> list[dict[str, Any]]:

@@ -28,7 +28,7 @@ LASA_COVARIANCES = 'covariances'
 GALLERY = ('letter-G', 'letter-S', 'pick-and-place', 'polish', 'screw', 'sphere', 'rotation',
            'covariance')
 #: Tasks of the demonstration.
-TASKS = ('letter', 'pick', 'joints', 'objects', 'wipe', 'tray')
+TASKS = ('letter', 'pick', 'clutter', 'joints', 'objects', 'wipe', 'tray')
 #: What two arms, or two factors of a skill, keep: `gdmp_ros.dmp.coupling.Coupling`.
 COUPLINGS = ('pose', 'relative', 'distance')
 #: How an improvement searches, and its tasks that are built in.

@@ -13,6 +13,7 @@ simulated one, behind the topics of ros2_control. A hand shows the tasks to one 
 examples:
   gdmp demo --out out/demo
   gdmp demo --task pick --out out/pick
+  gdmp demo --task clutter --out out/clutter
   gdmp demo --task joints --out out/joints
   gdmp demo --task objects --out out/objects
   gdmp demo --task wipe --out out/wipe
@@ -41,6 +42,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='LASA class to demonstrate (default %(default)s)')
     parser.add_argument('--task', choices=TASKS, default=TASKS[0],
                         help='letter; pick: a cube, from a box to another, with the gripper; '
+                             'clutter: the same through three objects, one of which is '
+                             'pushed into the way; '
                              'joints: a skill of the joints, whose goal is switched by a pose; '
                              'objects: shown once, done where a camera sees box and hole, also '
                              'while the hole moves; '

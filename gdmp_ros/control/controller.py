@@ -303,6 +303,11 @@ class ImpedanceController:
         return float(scalars.clearance), f'{self._body.links[link]} and {self.scene.names[volume]}'
 
     @property
+    def scale(self) -> float:
+        """Share of the speed that is left beside what comes nearer."""
+        return float(self.memory.scalars.slowed) if len(self.scene) else 1.0
+
+    @property
     def reference(self) -> np.ndarray:
         """The governed reference, of the tool or of the joints."""
         arm = self.memory

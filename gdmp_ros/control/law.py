@@ -47,7 +47,7 @@ GUIDED_BRAKE = 300.0
 #: Speed of a guided tool at which three quarters of its friction act [m/s].
 FREE_SMOOTHING = 0.005
 #: Time constant with which an arm comes to rest whose reference stands before what comes [s].
-STANDS_S = 0.01
+STANDS_S = 0.02
 #: Bandwidth with which joints follow a motion of their own [1/s].
 BANDWIDTH = 20.0
 #: `compute` has found no torque; smaller numbers are those of `gdmp_ros.control.contact.feel`.
@@ -251,10 +251,10 @@ def _push(arm):
         arm.limits, 0, 1, LIMIT_NUMBERS)[0].retreat_speed == 0.0 else 1.0
     if left < 1.0:
         # A soft arm lags behind its reference, and would go on when that stands.
-        share = (1.0 - left) / (STANDS_S * (1.0 + left))
         for i in range(arm.velocity.size):
+            arm.torque[i] = arm.bias[i] + left * (arm.torque[i] - arm.bias[i])
             for j in range(arm.velocity.size):
-                arm.push[i] -= share * arm.inertia[i, j] * arm.velocity[j]
+                arm.push[i] -= (1.0 - left) / STANDS_S * arm.inertia[i, j] * arm.velocity[j]
 
 
 @kernel

@@ -28,7 +28,9 @@ BARRIER, MOST_FORCE = 5000.0, 150.0
 LAST_SEEN_S = 0.3
 #: An arm stands still before a volume reaches it that comes: it is slowed down from this time
 #: before the contact on [s]; at the end a share of the margin is left.
-SLOWED_S, LEFT_SHARE = 0.5, 1.0
+SLOWED_S, LEFT_SHARE = 0.6, 1.0
+#: The reference keeps this much more than the margin: the arm is not quite where it is [m].
+SLACK = 0.005
 #: Volumes that are further away than this are not near [m].
 SEEN_FROM = 0.5
 #: Ends of a link have a row of their own if they are this far along it from its nearest point, so
@@ -180,7 +182,8 @@ def surroundings_rows(frames, axes, position, capsules, volumes, deceleration, f
                 coming = _coming(volume, point, way)
                 if retreat == 0.0:
                     share = min(share, _share_beside(away, volume[MARGIN], coming))
-                bound = max(approach(away - volume[MARGIN], deceleration) - coming, -retreat)
+                bound = max(approach(away - volume[MARGIN] - SLACK, deceleration) - coming,
+                            -retreat)
                 at = _place_for(bounds, first, count, bound)
                 if bound < fastest and at >= 0:
                     _closing(capsule, links, turns, point, way, rows[at])

@@ -18,6 +18,7 @@ from gdmp_ros.control.target import resting_target, WRENCH, WRENCH_GAIN
 from gdmp_ros.data import bags, lasa, recordings
 from gdmp_ros.data.runs import limit_figures, Run
 from gdmp_ros.data.skills import LearningSettings, skill_from_bags
+from gdmp_ros.demo import clutter
 from gdmp_ros.demo.objects import Camera, follow_objects, home_pose, motion, PLACES
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.errors import ParameterError
@@ -87,7 +88,7 @@ def run_task(task: str, folder: Path, arm: ArmChoice, testbed: Opener = process_
     """
     Show a task to a simulated arm by hand, learn it, and let an arm execute it.
 
-    :param task: ``pick``, ``joints`` or ``objects``
+    :param task: ``pick``, ``joints``, ``objects`` or ``clutter``
     :param testbed: see `gdmp_ros.ros.clients.testbed.process_bed`
     :returns: exit code: 0 if it succeeded
     :raises GdmpError: if something does not happen in time
@@ -110,9 +111,10 @@ def run_task(task: str, folder: Path, arm: ArmChoice, testbed: Opener = process_
             name: value for name, value in skill.provenance.items() if name != 'joints'})
     skill.save(folder / 'skill.json')
     arm = with_friction(arm, folder)
-    with (arm.robot(folder / 'logs', gripper=task == 'pick'),
+    with (arm.robot(folder / 'logs', gripper=task in ('pick', 'clutter')),
           testbed(NodeTestbed, folder, arm=arm) as bed):
-        document = {'pick': _pick, 'joints': _follow_joints, 'objects': _among_objects}[task](bed)
+        document = {'pick': _pick, 'joints': _follow_joints, 'objects': _among_objects,
+                    'clutter': _among_clutter}[task](bed)
     document['task'], document['arm'] = task, arm.node
     write_json(folder / 'report.json', document)
     for place in document.get('places', ()):
@@ -124,7 +126,8 @@ def run_task(task: str, folder: Path, arm: ArmChoice, testbed: Opener = process_
 
 def _teach(bed: NodeTestbed, task: str, arm: ArmChoice) -> None:
     """Guide a simulated arm like the one that is to execute it, and record a take."""
-    bed.start_arm(world=_world(task), **arm.shown_on)
+    # What is in the way comes later.
+    bed.start_arm(world=_world('pick' if task == 'clutter' else task), **arm.shown_on)
     bed.children.start_node(TAKE_RECORDER, MODULES[TAKE_RECORDER], {
         'folder': str(bed.folder / 'takes'),
         'also': ['/joint_states=sensor_msgs/msg/JointState'] if task == 'joints' else [''],
@@ -151,7 +154,8 @@ def _teach(bed: NodeTestbed, task: str, arm: ArmChoice) -> None:
 
 def _world(task: str) -> dict[str, Any]:
     """What simulates an arm for a task, as parameters."""
-    return {'scene': 'pick_and_place'} if task == 'pick' else {}
+    scenes = {'pick': 'pick_and_place', 'clutter': 'clutter'}
+    return {'scene': scenes[task]} if task in scenes else {}
 
 
 def _among_objects(bed: NodeTestbed) -> dict[str, Any]:
@@ -173,7 +177,12 @@ def _start(bed: NodeTestbed, task: str, **server: Any) -> None:
     bed.wait_holding()
 
 
-def _pick(bed: NodeTestbed) -> dict[str, Any]:
+def _among_clutter(bed: NodeTestbed) -> dict[str, Any]:
+    return clutter.execute(bed, lambda half_way: _pick(bed, 'clutter', half_way))
+
+
+def _pick(bed: NodeTestbed, task: str = 'pick', half_way: Callable[[], None] = lambda: None
+          ) -> dict[str, Any]:
     grippers: list[GripperState] = []
     cubes: list[np.ndarray] = []
     bed.client.subscribe(GripperState, 'gripper/state', grippers.append, 100)
@@ -183,9 +192,9 @@ def _pick(bed: NodeTestbed) -> dict[str, Any]:
     if bed.arm.kind == 'franka':
         bed.children.start_node(FRANKA_GRIPPER, MODULES[FRANKA_GRIPPER],
                                 {'host': bed.arm.parameters()['host']})
-    _start(bed, 'pick')
+    _start(bed, task)
     bed.wait('the gripper', lambda: bool(grippers), START_UP_S)
-    error = _execute_task(bed, lambda: None)
+    error = _execute_task(bed, half_way, 0.5 if task == 'pick' else clutter.PUSH_AT)
     bed.spend(0.5)
     held = [gripper.width for gripper in grippers if gripper.holding]
     document: dict[str, Any] = {
@@ -196,6 +205,7 @@ def _pick(bed: NodeTestbed) -> dict[str, Any]:
         distance = np.abs(cubes[-1][:2] - PLACE.centre)
         placed = bool((distance < PLACE.half).all())
         document['cube_from_the_middle_of_its_box_m'] = float(np.linalg.norm(distance))
+    document['placed'] = placed
     document['succeeded'] = bool(not error and placed and held and abs(
         document['held_width_m'] - CUBE_EDGE) < 0.003)
     return document
@@ -223,11 +233,11 @@ def _follow_joints(bed: NodeTestbed) -> dict[str, Any]:
             'succeeded': not error and distance < 0.02}
 
 
-def _execute_task(bed: NodeTestbed, half_way: Callable[[], None]) -> str:
+def _execute_task(bed: NodeTestbed, half_way: Callable[[], None], at: float = 0.5) -> str:
     """Execute the skill; why it failed, or nothing."""
     print('executing the skill', flush=True)
     bed.client.execute()
-    bed.wait_progress(0.5)
+    bed.wait_progress(at)
     half_way()
     result = bed.client.result(120.0)
     return '' if result.error_code == result.SUCCESSFUL else str(result.error_string)

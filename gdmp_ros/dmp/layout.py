@@ -14,8 +14,8 @@ import numpy as np
 from gdmp_ros.kernels import inlined, jitable, matrix_at, numbers_at, records_at
 from gdmp_ros.manifolds.factors import FACTOR, work_size
 
-#: Most obstacles at a time.
-OBSTACLE_CAPACITY = 32
+#: Most obstacles at a time, and numbers of each (`gdmp_ros.dmp.obstacles`).
+OBSTACLE_CAPACITY, OBSTACLE_SIZE = 32, 13
 
 #: Sizes of the parts. ``obstacle_factor``: the factor that avoids obstacles, -1 for none;
 #: ``position``: the size of that factor, or 0. ``views``: task frames that the motion is seen from
@@ -216,8 +216,9 @@ def motion_view(memory):
     at += sizes.waypoints
     waypoints = matrix_at(memory, at, sizes.waypoints, p)
     at += sizes.waypoints * p
-    obstacles = numbers_at(memory, at, OBSTACLE_CAPACITY * sizes.position)
-    at += OBSTACLE_CAPACITY * sizes.position
+    room = OBSTACLE_CAPACITY * OBSTACLE_SIZE if sizes.position > 0 else 0
+    obstacles = numbers_at(memory, at, room)
+    at += room
     relations = records_at(memory, at, sizes.relations, RELATION)
     at += sizes.relations * _RELATION
     related = matrix_at(memory, at, sizes.relations, p)
@@ -271,7 +272,8 @@ def blank(factors: np.ndarray, n_basis: int, waypoints: int, obstacle_factor: in
     position = int(factors[obstacle_factor]['size']) if obstacle_factor >= 0 else 0
     work = work_size(int(factors['size'].max()))
     total = (_SIZES + _SCALARS + len(factors) * (_FACTOR + 4) + 2 * n + 2 * n_basis + n_basis * n
-             + waypoints * (1 + p) + OBSTACLE_CAPACITY * position + relations * (_RELATION + p + n)
+             + waypoints * (1 + p) + OBSTACLE_CAPACITY * OBSTACLE_SIZE * (position > 0)
+             + relations * (_RELATION + p + n)
              + _FRAMES * f + _POINTS * p + _TANGENTS * n + work)
     memory = np.zeros(total)
     memory[:_SIZES].view(SIZES)[0] = (total, len(factors), n_basis, p, n, f, waypoints,

@@ -1,19 +1,33 @@
-"""Avoidance of point obstacles."""
+"""Avoidance of volumes and points by the tool."""
 from __future__ import annotations
 
 import math
 
 import numpy as np
 
-from gdmp_ros.dmp.layout import Motion, OBSTACLE_CAPACITY
+from gdmp_ros.dmp.layout import Motion, OBSTACLE_CAPACITY, OBSTACLE_SIZE
 from gdmp_ros.dmp.options import check_range
 from gdmp_ros.errors import ParameterError
-from gdmp_ros.kernels import always_inline, kernel, noinline, numbers_at
+from gdmp_ros.kernels import (
+    always_inline,
+    kernel,
+    local_numbers,
+    local_zeros,
+    noinline,
+    numbers_at,
+)
 from gdmp_ros.manifolds.linalg import limit_norm
+from gdmp_ros.scene.distance import point_distance
+from gdmp_ros.scene.scene import Scene
+from gdmp_ros.scene.volume import MARGIN, POSE, RADIUS
 from gdmp_ros.util.numeric import numbers
 
 #: How fast the avoidance decreases with the angle between motion and obstacle [1/rad].
 _ANGLE_DECAY = 3.0
+#: What is left of it beside the motion: there the avoidance ends.
+_BESIDE = math.exp(-_ANGLE_DECAY * math.pi / 2.0)
+#: Distance to keep, and radius of the sphere around an obstacle and it, among its numbers.
+_KEEP, _AROUND = 11, 12
 
 
 @kernel
@@ -21,44 +35,57 @@ def obstacle_acceleration(size, position, velocity, count, obstacles, gain, reac
     """
     Acceleration perpendicular to ``velocity`` away from the obstacles.
 
-    ``γ |v| e^(-β θ) (1 - d/r)²`` for each obstacle nearer than r, with θ the angle between the
-    velocity and the obstacle, d its distance: largest when the motion heads for it, zero when it
-    is behind or at rest. If it is straight ahead, one side is chosen.
+    ``γ |v| (e^(-β θ) - e^(-β π/2)) (1 - d/r)²`` for each obstacle ahead that is nearer than r,
+    with θ the angle between the velocity and the nearest point of the obstacle, d the distance
+    from it, less that to keep: largest when the motion heads for it, zero when it is beside or
+    behind, or at rest. If it is straight ahead, one side is chosen. Perpendicular to the velocity,
+    it does no work: the motion converges as without it.
 
     :param size: of a position, 2 or 3
     :param velocity: derivative by s, as is the acceleration
     :param count: number of obstacles
-    :param obstacles: their positions one after another
+    :param obstacles: one after another, `OBSTACLE_SIZE` numbers each: the first ones of a packed
+        volume (`gdmp_ros.scene.volume`), the distance to keep, and the radius of the sphere around
+        both [m]
 
-    Source: after Hoffmann, Pastor, Park, Schaal 2009 (ICRA), eqs. (9), (10), with a finite reach.
+    Source: after Hoffmann, Pastor, Park, Schaal 2009 (ICRA), eqs. (9), (10), with a finite reach,
+    and the distance from a volume instead of that from a point.
     """
     noinline()
     speed2, least = 0.0, 0
+    place, way = local_zeros(3), local_numbers(3)
     for i in range(size):
-        out[i] = 0.0
+        out[i], place[i] = 0.0, position[i]
         speed2 += velocity[i] * velocity[i]
         if abs(velocity[i]) < abs(velocity[least]):
             least = i
     speed = math.sqrt(speed2)
     if speed < 1e-9:
         return
-    for k in range(0, count * size, size):
-        distance2, along = 0.0, 0.0
-        for i in range(size):
-            difference = obstacles[k + i] - position[i]
-            distance2 += difference * difference
-            along += difference * velocity[i] / speed
-        distance = math.sqrt(distance2)
-        if distance >= reach or distance < 1e-12:
+    for k in range(count):
+        obstacle = numbers_at(obstacles, k * OBSTACLE_SIZE, OBSTACLE_SIZE)
+        between = 0.0
+        for i in range(3):
+            between += (place[i] - obstacle[POSE + i]) ** 2
+        if between >= (reach + obstacle[_AROUND]) ** 2:
+            continue
+        distance = point_distance(obstacle, place, way) - obstacle[_KEEP]
+        if distance >= reach:
             continue
         # The direction of the obstacle has a part along the velocity and one across it.
-        across = math.sqrt(max(distance2 - along * along, 0.0))
-        angle = math.atan2(across, along)
-        strength = gain * speed * math.exp(-_ANGLE_DECAY * angle) * (1.0 - distance / reach) ** 2
-        if across > 1e-9 * distance:
+        along, square = 0.0, 0.0
+        for i in range(size):
+            along -= way[i] * velocity[i] / speed
+            square += way[i] * way[i]
+        if along <= 0.0:
+            continue
+        across = math.sqrt(max(square - along * along, 0.0))
+        near = 1.0 - max(distance, 0.0) / reach
+        ahead = math.exp(-_ANGLE_DECAY * math.atan2(across, along)) - _BESIDE
+        strength = gain * speed * ahead * near * near
+        if across > 1e-9:
             for i in range(size):
-                side = obstacles[k + i] - position[i] - along * velocity[i] / speed
-                out[i] -= strength * side / across
+                out[i] += strength * (way[i] + along * velocity[i] / speed) / across
         else:
             share = velocity[least] / speed
             length = math.sqrt(1.0 - share * share)
@@ -87,26 +114,42 @@ def avoid_obstacles(motion):
         tangents.to_goal[first + i] += avoidance[i] / scalars.stiffness
 
 
-def store_obstacles(motion: Motion, positions: np.ndarray, gain: float, reach: float,
-                    limit: float) -> None:
+def store_obstacles(motion: Motion, obstacles: np.ndarray | Scene, gain: float, reach: float,
+                    limit: float, keep: float) -> None:
     """
     Avoid these obstacles from now on; see `gdmp_ros.dmp.Rollout.set_obstacles`.
 
     :raises ParameterError: without a position to avoid them with, or for too many obstacles
     """
     size, scalars = int(motion.sizes.position), motion.scalars
-    positions = numbers('obstacles', positions)
     if size == 0:
         raise ParameterError('the skill has no position (R² or R³) that could avoid obstacles')
+    gain, reach, limit, keep = (check_range(name, value, low, 1e6) for name, value, low in (
+        ('gain', gain, 0.0), ('reach', reach, 1e-6), ('bound', limit, 0.0), ('keep', keep, 0.0)))
+    rows = _volumes(obstacles) if isinstance(obstacles, Scene) else _points(obstacles, size)
+    rows[:, _KEEP] += keep
+    rows[:, _AROUND] = np.linalg.norm(rows[:, :3], axis=1) + rows[:, RADIUS] + rows[:, _KEEP]
+    # Nothing has changed until all of it is checked.
+    motion.obstacles[:rows.size] = rows.reshape(-1)
+    scalars.obstacle_gain, scalars.obstacle_reach = gain, reach
+    scalars.obstacle_limit = limit * scalars.duration ** 2
+    scalars.obstacles = len(rows)
+
+
+def _volumes(scene: Scene) -> np.ndarray:
+    packed = scene.packed()
+    return np.column_stack([packed[:, :_KEEP], packed[:, MARGIN], np.zeros(len(packed))])
+
+
+def _points(positions: np.ndarray, size: int) -> np.ndarray:
+    """Points are spheres without a size."""
+    positions = numbers('obstacles', positions)
     shape = positions.reshape(-1, size).shape if positions.size % size == 0 else (-1, size)
     if positions.size and (positions.shape != shape or len(positions) > OBSTACLE_CAPACITY
                            or not np.isfinite(positions).all()):
         raise ParameterError(f'obstacles: expected up to {OBSTACLE_CAPACITY} finite positions of '
                              f'{size} numbers, got shape {positions.shape}')
-    gain, reach, limit = (check_range(name, value, low, 1e6) for name, value, low in (
-        ('gain', gain, 0.0), ('reach', reach, 1e-6), ('bound', limit, 0.0)))
-    # Nothing has changed until all of it is checked.
-    motion.obstacles[:positions.size] = positions.reshape(-1)
-    scalars.obstacle_gain, scalars.obstacle_reach = gain, reach
-    scalars.obstacle_limit = limit * scalars.duration ** 2
-    scalars.obstacles = positions.size // size
+    positions = positions.reshape(-1, size)
+    rows = np.zeros((len(positions), OBSTACLE_SIZE))
+    rows[:, POSE:POSE + size], rows[:, POSE + 3] = positions, 1.0
+    return rows

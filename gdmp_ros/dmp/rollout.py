@@ -26,6 +26,7 @@ from gdmp_ros.dmp.options import (
 )
 from gdmp_ros.dmp.primitive import Primitive, State, Trajectory
 from gdmp_ros.errors import ParameterError
+from gdmp_ros.scene.scene import Scene
 from gdmp_ros.util.numeric import numbers
 
 
@@ -312,19 +313,21 @@ class Rollout:
         """
         self.motion.scalars.slowdown = 1.0 / (1.0 + self._options.phase_stopping * error)
 
-    def set_obstacles(self, positions: np.ndarray, gain: float = 1000.0, reach: float = 0.2,
-                      bound: float = 5.0) -> None:
+    def set_obstacles(self, obstacles: np.ndarray | Scene, gain: float = 1000.0,
+                      reach: float = 0.2, bound: float = 5.0, keep: float = 0.0) -> None:
         """
-        Avoid point obstacles with the first Euclidean factor from now on; none ends it.
+        Avoid obstacles with the first Euclidean factor from now on; none ends it.
 
-        :param positions: shape ``(count, size of the factor)`` [m]
+        :param obstacles: points, shape ``(count, size of the factor)`` [m], or a scene, whose
+            margins are kept as far as ``bound`` allows it
         :param gain: strength of the avoidance: a larger one keeps a larger distance
         :param reach: obstacles further away are ignored [m]
         :param bound: largest acceleration of the avoidance at speed 1 [m/s²]
+        :param keep: distance to keep besides, such as the radius of the tool [m]
         :raises ParameterError: without such a factor of size 2 or 3, or for too many obstacles
         """
         self.skill.check_plain('obstacles')
-        store_obstacles(self.motion, positions, gain, reach, bound)
+        store_obstacles(self.motion, obstacles, gain, reach, bound, keep)
 
     @property
     def speed(self) -> float:

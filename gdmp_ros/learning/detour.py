@@ -20,12 +20,12 @@ from gdmp_ros.scene.route import clearances, Grid, tight, Tool
 from gdmp_ros.scene.scene import Scene
 
 #: Samples of a path; margins that are tried, the first that leaves a way is taken.
-SAMPLES, MARGINS = 401, (2.0, 1.5, 1.1)
+SAMPLES, MARGINS = 401, (2.0, 1.5, 1.3)
 #: The way leaves the plain path this share of its samples before what is in the way, and the
 #: widths with which its corners are rounded.
 LEAD, WIDTHS = 0.06, (0.03, 0.015, 0.006, 0.0)
-#: Basis functions of what is learned.
-BASIS = 120
+#: Least number of basis functions of what is learned.
+LEAST_BASIS = 120
 
 
 class BlockedError(DataError):
@@ -66,7 +66,9 @@ def detour(skill: Skill, scene: Scene, tool: Tool, lowest: float = 0.0) -> Detou
     :raises BlockedError: if there is no way
     :raises DataError: for a skill that has no position, repeats a cycle, or has task frames
     """
-    _check(skill)
+    if not leads_around(skill):
+        raise DataError('only a skill with a position in three dimensions is led around '
+                        'obstacles, not a rhythmic one, or one with task frames')
     volumes = scene.packed()
     path = _sampled(skill)
     left, which = clearances(volumes, tool, path.positions, path.turns)
@@ -75,8 +77,8 @@ def detour(skill: Skill, scene: Scene, tool: Tool, lowest: float = 0.0) -> Detou
     names = tuple(dict.fromkeys(scene.names[k] for k in which[left <= 0.0]))
     for at, what in ((0, 'start'), (-1, 'goal')):
         if left[at] <= 0.0:
-            raise BlockedError(f'blocked by {scene.names[which[at]]}: it is {_mm(left[at])} inside '
-                               f'the margin at the {what}')
+            raise BlockedError(f'blocked by {scene.names[which[at]]}: the tool is '
+                               f'{_mm(left[at])} inside its margin at the {what}')
     for margins in MARGINS:
         way = _way(path, volumes, tool, margins, lowest)
         if way is None:
@@ -101,12 +103,11 @@ def _part(skill: Skill, name: str) -> slice | None:
     return None
 
 
-def _check(skill: Skill) -> None:
+def leads_around(skill: Skill) -> bool:
+    """Whether a skill can be led around anything: a plain one of a position."""
     part = _part(skill, 'position')
-    if part is None or part.stop - part.start != 3:
-        raise DataError('the skill has no position in three dimensions to lead around anything')
-    if skill.rhythmic or skill.views:
-        raise DataError('a rhythmic skill, and one with task frames, is not led around obstacles')
+    return (part is not None and part.stop - part.start == 3 and not skill.rhythmic
+            and not skill.views)
 
 
 def _mm(distance: float) -> str:
@@ -181,8 +182,8 @@ def _learned(skill: Skill, path: _Path, way: np.ndarray, width: float, names: tu
     points[:, _part(skill, 'position')] = positions
     learned = Skill.learn(
         Demonstration(times, points.reshape(-1, *skill.manifold.point_shape), skill.manifold),
-        BASIS, skill.gains.alpha_z, skill.gains.alpha_x, skill.connection,
-        alpha_g=skill.gains.alpha_g, provenance={**skill.provenance, 'around': list(names)})
+        max(LEAST_BASIS, len(skill.weights)), skill.gains.alpha_z, skill.gains.alpha_x,
+        skill.connection, alpha_g=skill.gains.alpha_g, provenance={**skill.provenance, 'around': list(names)})
     at = times / times[-1]
     events = [event._replace(progress=float(np.interp(event.progress, path.times / path.times[-1],
                                                       at))) for event in skill.events]

@@ -27,9 +27,12 @@ from gdmp_ros.playback.refusals import Refusals
 from gdmp_ros.playback.settings import PlayerSettings
 from gdmp_ros.playback.states import after, Request, State, Status, TABLE
 from gdmp_ros.playback.streamed_skill import Kind, StreamedSkill
+from gdmp_ros.scene.scene import Scene
 
 #: Requests that may wait for the next tick.
 MAX_WAITING = 1000
+#: How a motion bends around what moves (`Rollout.set_obstacles`).
+BEND_GAIN, BEND_REACH, BEND_LIMIT = 3000.0, 0.25, 10.0
 #: Smallest initial tempo of a motion that takes over from another one.
 LEAST_SPEED = 0.1
 # Looked up once: this is done in every tick.
@@ -342,6 +345,10 @@ class Player:
     def goal_stiffness(self, factor: np.ndarray) -> None:
         """Switch the stiffness goal (`StreamedSkill.stiffness_factor`)."""
         self._ask(Request.GOAL, self._retarget, Goal(stiffness=factor))
+
+    def avoid(self, scene: Scene, keep: float) -> None:
+        """Bend around volumes (`Rollout.set_obstacles`); those of earlier calls are forgotten."""
+        self._ask(Request.GOAL, self._avoid, scene, keep)
 
     def move_frame(self, name: str, pose: np.ndarray, at: float, twist: np.ndarray | None = None
                    ) -> None:
@@ -694,6 +701,11 @@ class Player:
             # The frame does not wait with the motion: in the time of that it is faster.
             rollout.move_frame(name, moved_on(measured.pose, twist, passed),
                                twist / self._passing)
+
+    def _avoid(self, scene: Scene, keep: float) -> None:
+        rollout = self.rollout
+        if rollout is not None and rollout.motion.sizes.position > 0 and not rollout.skill.views:
+            rollout.set_obstacles(scene, BEND_GAIN, BEND_REACH, BEND_LIMIT, keep)
 
     def _rest_frame(self, name: str) -> None:
         if self._pending is None and self.rollout is not None:

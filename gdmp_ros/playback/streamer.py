@@ -33,8 +33,10 @@ from gdmp_ros.playback.sequence_runner import OTHER_MOTION, SequenceRunner
 from gdmp_ros.playback.settings import PlayerSettings, StreamSettings
 from gdmp_ros.playback.states import Request, State, Status
 from gdmp_ros.playback.streamed_skill import Kind, StreamedSkill
+from gdmp_ros.playback.surroundings import Surroundings
 from gdmp_ros.realtime.loop import NS, RunningLoop
 from gdmp_ros.realtime.statistics import LatenessRecorder
+from gdmp_ros.scene.scene import Scene
 
 #: Ticks between two readings of where the robot is.
 READ_EVERY = 50
@@ -66,6 +68,7 @@ class Streamer:
     :ivar whole: reads numbers that another thread may be writing
     :ivar commands: for the motion that is executed
     :ivar objects: where task frames are
+    :ivar surroundings: what is around the tool
     :ivar gripper: commands of the skill that is executed; None without a gripper
     :ivar sequence: executes sequences
     :ivar record: how the robot followed the last motion
@@ -125,6 +128,7 @@ class Streamer:
         self.objects = Objects(object_settings or ObjectSettings(), objects or NoObjects(),
                                self._goals, self.refusals.add)
         self.commands = MotionCommands(self._goals, self.loaded, self.refusals.add)
+        self.surroundings, self._led = Surroundings(), False
 
     def configure(self, settings: StreamSettings, player_settings: PlayerSettings,
                   robot_settings: RobotSettings, object_settings: ObjectSettings) -> None:
@@ -200,6 +204,9 @@ class Streamer:
             raise ParameterError('the node is not active')
         if cycles is not None and not player.tool.skill.rhythmic:
             raise ParameterError('cycles: the skill is not rhythmic')
+        if self._led and self._skill is not None:
+            player.load(self._skill)
+            self._led = False
         followed: Followed = {}
         if self._skill is not None and (self._skill.views or objects):
             skill, followed = self.objects.place(self._skill, self.time, objects)
@@ -216,6 +223,12 @@ class Streamer:
         if goal_pose is not None:
             goal = self._goals.place_for(tool, goal_pose, goal)
         self._goals.check_reach(tool, goal)
+        if tool.kind is Kind.TOOL and goal_after <= 0.0:
+            led = self.surroundings.led(tool.skill, tool.start_at(measured), tool.changed(
+                tool.skill.goal, None if goal_pose is None else goal, factor))
+            if led is not tool.skill:
+                player.load(led)
+                self._led, tool, goal_pose, factor = True, player.tool, None, None
         later = None
         if goal_pose is not None and goal_after > 0.0:
             later, goal_pose = LaterGoal(self.time + goal_after, goal), None
@@ -226,6 +239,18 @@ class Streamer:
                               tolerances, cycles)
         self.objects.begin(followed, motion)
         return motion
+
+    def surround(self, scene: Scene) -> None:
+        """
+        Lead motions around a scene from the next one on; the present one bends around what moves.
+
+        :param scene: in the frame of the references
+        """
+        self.surroundings.scene = scene.copy()
+        player = self.player
+        if player is not None and player.state in _EXECUTED:
+            player.avoid(self.surroundings.moved, self.surroundings.radius)
+        self.called()
 
     def begin_sequence(self, sequence: SkillSequence, first: int = 0) -> None:
         """

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 
-from gdmp_ros.kernels import kernel, local_numbers
+from gdmp_ros.kernels import kernel, local_numbers, numbers_at
 from gdmp_ros.manifolds.quaternion import rotate
 from gdmp_ros.scene.volume import HALF, POSE, RADIUS, VOLUME_SIZE
 
@@ -58,7 +58,7 @@ def point_distance(volume, point, way):
     inside = local_numbers(3)
     _into_box(volume, point, inside)
     distance = _outside(volume, inside, way)
-    rotate(volume[POSE + 3:POSE + 7], way, way)
+    rotate(numbers_at(volume, POSE + 3, 4), way, way)
     return distance - volume[RADIUS]
 
 
@@ -113,7 +113,7 @@ def segment_distance(volume, a, b, way):
     for i in range(3):
         point[i] = first[i] + t * along[i]
     distance = _outside(volume, point, way)
-    rotate(volume[POSE + 3:POSE + 7], way, way)
+    rotate(numbers_at(volume, POSE + 3, 4), way, way)
     return distance - volume[RADIUS], t
 
 

@@ -10,14 +10,18 @@ import numpy as np
 
 from gdmp_ros.control.settings import LimitSettings
 from gdmp_ros.control.singularity import singular_value
+from gdmp_ros.control.surroundings import depths
 from gdmp_ros.dmp.changes import joints_in_order
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError, ManifoldError, ParameterError
 from gdmp_ros.manifolds.quaternion import rotation_angles
 from gdmp_ros.playback.settings import PlayerSettings
 from gdmp_ros.playback.streamed_skill import Kind, StreamedSkill
+from gdmp_ros.scene.route import Tool
+from gdmp_ros.scene.scene import Scene
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.chain import joints_before, NEIGHBOURS
+from gdmp_ros.sim.tool_shape import tool_of
 
 #: A pose is reached if the tool comes this close [m, rad].
 REACHED_M, REACHED_RAD = 3e-3, 0.02
@@ -172,6 +176,8 @@ class PathCheck:
     :ivar clearance: smallest distance between links that are no neighbours, or to the floor [m]
     :ivar speed: of the tool [m/s]
     :ivar acceleration: of the tool [m/s²]
+    :ivar scene: distance from what is around the arm, less its margin [m]; inf without a scene
+    :ivar near: which link and volume that is
     """
 
     times: np.ndarray
@@ -183,6 +189,8 @@ class PathCheck:
     clearance: np.ndarray
     speed: np.ndarray
     acceleration: np.ndarray
+    scene: np.ndarray
+    near: tuple[str, ...]
 
     @property
     def unreached(self) -> np.ndarray:
@@ -203,7 +211,9 @@ class PathCheck:
         return (Margin('nearest joint limit [rad]', self.margin, AT_LIMIT_RAD),
                 Margin('smallest singular value [m]', self.singular,
                        LimitSettings().singularity_stop),
-                Margin('distance of links [m]', self.clearance, TOUCHING_M))
+                Margin('distance of links [m]', self.clearance, TOUCHING_M),
+                *([Margin('distance from the scene, less its margin [m]', self.scene, 0.0)]
+                  if np.isfinite(self.scene).any() else []))
 
     def problems(self) -> list[str]:
         """Why the arm cannot follow the path, one line for each reason; empty if it can."""
@@ -229,6 +239,11 @@ class PathCheck:
         touching = self.clearance < TOUCHING_M
         if touching.any():
             result.append(f'the arm touches itself or the floor {first(touching)}')
+        for what in dict.fromkeys(name for name, left in zip(self.near, self.scene)
+                                  if left < 0.0):
+            inside = np.array([name == what for name in self.near]) & (self.scene < 0.0)
+            result.append(f'{what} are up to {-1e3 * self.scene[inside].min():.0f} mm inside the '
+                          f'margin {first(inside)}')
         limits = LimitSettings()
         for what, values, limit, unit in (
                 ('speed', self.speed, limits.speed, 'm/s'),
@@ -243,15 +258,24 @@ class PathCheck:
 class PathChecker:
     """Follows paths with one arm, pose by pose, without dynamics."""
 
-    def __init__(self, arm: Arm, tool: str = 'tcp'):
+    def __init__(self, arm: Arm, tool: str = 'tcp', scene: Scene | None = None):
         """
         Prepare.
 
         :param arm: is moved
         :param tool: name of the site that follows the path
+        :param scene: around the arm, in the frame of its base
+        :raises DataError: if the scene does not fit the arm
         """
         self._arm, self._reach = arm, Reach(arm, tool)
+        self.scene = scene or Scene()
+        self._volumes = self.scene.packed(arm.shape.bits)
         self._pairs = _pairs(arm.model)
+
+    @property
+    def tool(self) -> Tool:
+        """Shape of the tool."""
+        return tool_of(self._arm)
 
     @property
     def joint_names(self) -> list[str]:
@@ -298,6 +322,7 @@ class PathChecker:
     def _at(self, times: np.ndarray, postures: np.ndarray, offset: np.ndarray) -> PathCheck:
         arm, direction = self._arm, np.empty(6)
         margin, joint, singular, clearance, positions = [], [], [], [], []
+        around = [self._from_scene(posture) for posture in postures]
         for posture in postures:
             arm.reset(posture)
             to_limit = np.minimum(posture - arm.limits.lower, arm.limits.upper - posture)
@@ -310,7 +335,18 @@ class PathChecker:
         velocities, accelerations = _derivatives(np.asarray(times), np.array(positions))
         return PathCheck(np.asarray(times), postures, offset, np.array(margin), np.array(joint),
                          np.array(singular), np.array(clearance),
-                         np.linalg.norm(velocities, axis=1), np.linalg.norm(accelerations, axis=1))
+                         np.linalg.norm(velocities, axis=1), np.linalg.norm(accelerations, axis=1),
+                         np.array([left for left, _ in around]),
+                         tuple(names for _, names in around))
+
+    def _from_scene(self, posture: np.ndarray) -> tuple[float, str]:
+        """Distance from the nearest volume, less its margin [m], and the names."""
+        if not len(self._volumes):
+            return np.inf, ''
+        shape = self._arm.shape
+        deep = depths(self._arm.chain, shape, posture, self._volumes)
+        volume, link = np.unravel_index(int(np.argmax(deep)), deep.shape)
+        return -float(deep[volume, link]), f'{shape.links[link]} and {self.scene.names[volume]}'
 
     def _clearance(self) -> float:
         model, data = self._arm.model, self._arm.data

@@ -7,8 +7,10 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from gdmp_ros.scene import Scene, Volume
 from gdmp_ros.sim.arm import Arm, PANDA
 from gdmp_ros.sim.model_sources import load
+from gdmp_ros.sim.volumes import add_volumes
 
 _BOX, _CYLINDER, _CAPSULE = (mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_CYLINDER,
                              mujoco.mjtGeom.mjGEOM_CAPSULE)
@@ -256,5 +258,19 @@ def standing_at(scene: Callable[[mujoco.MjSpec], None], height: float
     return add
 
 
+#: Objects between the boxes, in the frame of the base, and the one that is pushed.
+CLUTTER, PUSHED = Scene([
+    Volume('post', 'capsule', (0.03, 0.3), np.array([0.45, 0.0, 0.15, 1.0, 0.0, 0.0, 0.0])),
+    Volume('crate', 'box', (0.1, 0.1, 0.25), np.array([0.66, 0.0, 0.125, 1.0, 0.0, 0.0, 0.0])),
+    Volume('bottle', 'capsule', (0.035, 0.15),
+           np.array([0.3, -0.02, 0.11, 1.0, 0.0, 0.0, 0.0]))], 0.03), 'crate'
+
+
+def clutter(spec: mujoco.MjSpec) -> None:
+    """Add the boxes and the cube, and three objects between them."""
+    pick_and_place(spec)
+    add_volumes(CLUTTER)(spec)
+
+
 #: Objects that `gdmp_ros.sim.arm.Arm` may add to the built-in arms.
-SCENES = {'pick_and_place': pick_and_place, 'soft_table': soft_table}
+SCENES = {'pick_and_place': pick_and_place, 'soft_table': soft_table, 'clutter': clutter}

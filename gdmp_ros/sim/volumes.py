@@ -38,6 +38,15 @@ def add_volumes(scene: Scene) -> Callable[[mujoco.MjSpec], None]:
     return add
 
 
+def follow_scene(arm: Arm, scene: Scene) -> None:
+    """Put bodies of a simulation where the volumes of their names are; others stay."""
+    for body in range(arm.model.nbody):
+        mocap, name = int(arm.model.body_mocapid[body]), arm.model.body(body).name
+        if mocap >= 0 and name in scene:
+            arm.data.mocap_pos[mocap] = scene[name].centre[:3]
+            arm.data.mocap_quat[mocap] = scene[name].centre[3:]
+
+
 class Contact(NamedTuple):
     """
     A volume that touches a link.
@@ -73,8 +82,8 @@ class VolumeBodies:
     def least(self) -> float:
         """Least distance of a link from a volume [m], at most `FAR`."""
         model, data = self._arm.model, self._arm.data
-        return min(mujoco.mj_geomDistance(model, data, geom, link, FAR, None)
-                   for geom in self._geoms for link in self._links)
+        return float(min(mujoco.mj_geomDistance(model, data, geom, link, FAR, None)
+                         for geom in self._geoms for link in self._links))
 
     def contacts(self, velocity: np.ndarray | None = None) -> list[Contact]:
         """

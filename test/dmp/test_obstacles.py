@@ -3,6 +3,8 @@ import numpy as np
 import pytest
 
 from gdmp_ros import Demonstration, Euclidean, ParameterError, Rollout, Skill, Sphere
+from gdmp_ros.scene import Scene, Volume
+from gdmp_ros.scene.distance import distances
 from gdmp_ros.util.profiles import minimum_jerk
 from test.motions import accelerations, motion
 
@@ -44,3 +46,31 @@ def test_invalid_obstacles_are_refused(rng):
         rollout.set_obstacles(np.zeros((2, 2)))
     with pytest.raises(ParameterError, match='no position'):
         Rollout(Skill.learn(motion(Sphere(2), rng))).set_obstacles(np.zeros((1, 3)))
+
+
+def bent(scene, keep=0.0, bound=60.0):
+    """A straight line of 1 m through what is in the way; its points, and the skill."""
+    line = np.column_stack([BLEND, 0.0 * BLEND, 0.0 * BLEND])
+    skill = Skill.learn(Demonstration(3.0 * TIMES, line, Euclidean(3)))
+    rollout = Rollout(skill)
+    rollout.set_obstacles(scene, 3000.0, 0.25, bound, keep)
+    return rollout.sample(np.arange(0.0, 5.0, 1e-3)).points, skill
+
+
+@pytest.mark.parametrize(('kind', 'size', 'turn'), [
+    ('sphere', (0.08,), (1.0, 0.0, 0.0, 0.0)), ('box', (0.1, 0.12, 0.2), (0.9, 0.3, 0.3, 0.1)),
+    ('capsule', (0.05, 0.4), (1.0, 0.0, 0.0, 0.0)), ('plane', (), (1.0, 0.0, 0.0, 0.0))])
+def test_a_motion_bends_around_a_volume_and_ends_at_its_goal(kind, size, turn):
+    turn = np.array(turn) / np.linalg.norm(turn)
+    height = -0.01 if kind == 'plane' else 0.01
+    scene = Scene([Volume('one', kind, size, np.array([0.5, 0.02, height, *turn]))], 0.02)
+    points, skill = bent(scene, keep=0.03)
+    assert distances(scene.packed(), points).min() > 0.0
+    if kind != 'plane':  # its ends are as near as the line
+        assert distances(scene.packed(), points).min() > 0.015
+    assert np.linalg.norm(points[-1] - skill.goal) < 1e-3
+    # A point is a sphere without a size.
+    as_point = bent(np.array([[0.5, 0.02, 0.01]]))[0]
+    as_ball = bent(Scene([Volume('one', 'sphere', (1e-9,), np.array(
+        [0.5, 0.02, 0.01, 1.0, 0.0, 0.0, 0.0]))], 0.0))[0]
+    np.testing.assert_allclose(as_point, as_ball, atol=1e-7)

@@ -7,6 +7,7 @@ from typing import Any, ClassVar, TYPE_CHECKING
 from gdmp_ros.control.arm_driver import ArmDriver
 from gdmp_ros.realtime.loop import Loop
 from gdmp_ros.ros.parameters import Spec
+from gdmp_ros.scene.scene import Scene
 from gdmp_ros.sim.arm import Arm
 
 if TYPE_CHECKING:
@@ -43,6 +44,9 @@ class ArmBackend:
 
     def offer(self) -> None:
         """Add what only this kind of arm offers: topics, services."""
+
+    def surround(self, scene: Scene) -> None:
+        """Know what is around the arm from now on."""
 
     def begin(self) -> None:
         """Prepare for `cycles`; the arm is not controlled yet."""

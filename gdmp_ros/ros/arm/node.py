@@ -24,6 +24,8 @@ from gdmp_ros.ros.arm.state_publisher import StatePublisher
 from gdmp_ros.ros.lifecycle import ManagedNode
 from gdmp_ros.ros.messages import lateness_diagnostics
 from gdmp_ros.ros.parameters import Parameters
+from gdmp_ros.ros.scene import only_in, SceneTopic
+from gdmp_ros.scene.scene import Scene
 from gdmp_ros.sim.frames import ToolTransform
 from gdmp_ros.sim.urdf import joint_names, LinkFrames, urdf
 from gdmp_ros.util.names import indices_of
@@ -99,6 +101,8 @@ class ArmNode(ManagedNode):
             self.joint_names = arm.names
         self.arm_services = ArmServices(self)
         self.add_subscription(JointState, '~/posture', self._on_posture)
+        self._scene = SceneTopic(self, only_in(p.frame_id), p.scene_file, self._surround,
+                                 self._refuse)
         self._diagnostics = self.add_publisher(DiagnosticArray, '/diagnostics', 10)
         self._status_out = self.add_publisher(ArmStatus, '~/status', 10)
         self._description = self.add_publisher(String, 'robot_description', 1, late=True)
@@ -214,6 +218,11 @@ class ArmNode(ManagedNode):
         except GdmpError as error:
             self._refuse(f'~/posture: {error}')
 
+    def _surround(self, scene: Scene) -> None:
+        self.control.controller.surround(scene)
+        self.backend.surround(scene)
+        self.commands.called()
+
     def _refuse(self, reason: str) -> None:
         self.control.states.last_refusal = reason
         self.get_logger().warning(f'refused: {reason}', throttle_duration_sec=1.0)
@@ -265,11 +274,13 @@ class ArmNode(ManagedNode):
         controller, states = self.control.controller, self.control.states
         if states.last_refusal != self._refusal[0]:
             self._refusal = states.last_refusal, self.stamp()
+        clearance, nearest = controller.clearance
         message = ArmStatus(
             mode=states.state.mode, state=states.state.name.lower(), waits_for=states.waits_for,
             reason=states.reason, blocked=controller.blocked, refused=states.refused,
             last_refusal=self._refusal[0], last_refusal_stamp=self._refusal[1],
-            tank_low=controller.tank.is_low, tank_energy=controller.tank.energy)
+            tank_low=controller.tank.is_low, tank_energy=controller.tank.energy,
+            clearance=clearance, nearest=nearest, scale=controller.scale)
         message.header.stamp = self.stamp()
         message.header.frame_id = self.parameters.frame_id
         self._status_out.publish(message)

@@ -44,6 +44,8 @@ ARM = (
     Spec('reference_topic', 'trajectory_server/reference', 'gdmp_msgs/Reference to follow'),
     Spec('visualization_rate_hz', 100, 'rate of joint states, measured pose and stiffness for '
          'viewers', 'Hz', 1, 100),
+    Spec('scene_file', '', 'what is around the arm: a scene file (docs/obstacles.md), beside '
+         '~/scene; its links keep their distance', changes='configure'),
     *specs_of(GuardSettings, names=_GUARD),
     *specs_of(ControllerSettings),
     *specs_of(LimitSettings),
@@ -68,7 +70,8 @@ SIMULATION = (
     Spec('gripper', False, 'the fingers of the built-in hand move: gripper/command, '
          'gripper/state, gripper/move'),
     Spec('scene', '', 'objects around the arm, with a gripper; pick_and_place: two boxes and a '
-         'cube; soft_table: gives way with 20 kN/m', choices=('', *SCENES)),
+         'cube; clutter: three objects between them; soft_table: gives way with 20 kN/m',
+         choices=('', *SCENES)),
     *specs_of(HandSettings, names=_HAND),
     *specs_of(PlantSettings, 'configure', names=_PLANT),
 )

@@ -35,7 +35,8 @@ SPECS = (
     Spec('gripper', False, 'the fingers of the built-in hand move: gripper/command, '
          'gripper/state, gripper/move'),
     Spec('scene', '', 'objects around the arm, with a gripper; pick_and_place: two boxes and a '
-         'cube; soft_table: gives way with 20 kN/m', choices=('', *SCENES)),
+         'cube; clutter: three objects between them; soft_table: gives way with 20 kN/m',
+         choices=('', *SCENES)),
     Spec('scene_height', 0.0, 'of the floor under these objects', 'm', -1.0, 2.0),
     Spec('joint_prefix', '', 'before the names of the joints'),
     Spec('output', 'forward_position_controller', 'controller that it is behind',

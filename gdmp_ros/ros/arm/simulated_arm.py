@@ -28,10 +28,12 @@ from gdmp_ros.ros.gripper import GripperInterface
 from gdmp_ros.ros.messages import checked_pose, stamp_of
 from gdmp_ros.ros.middleware import CLOCK_DEPTH, deserialized
 from gdmp_ros.ros.running import run
+from gdmp_ros.scene.scene import Scene
 from gdmp_ros.sim.closed_loop import SimulatedDriver
 from gdmp_ros.sim.plain_tick import end_tick, only_goes_on
 from gdmp_ros.sim.teaching import Hand
 from gdmp_ros.sim.viewer import Viewer
+from gdmp_ros.sim.volumes import follow_scene
 
 #: Time between two looks whether a simulation is still paused [ns].
 PAUSED_NS = 1_000_000
@@ -71,6 +73,9 @@ class SimulatedArm(ArmBackend):
         self._ticks = self._last_tick = 0
         self._hand_problem, self._hand_ticks = '', 0
         return self.driver
+
+    def surround(self, scene: Scene) -> None:
+        follow_scene(self.model, scene)
 
     def offer(self) -> None:
         node = self.node

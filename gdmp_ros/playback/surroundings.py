@@ -1,0 +1,60 @@
+"""What is around the tool of a server: motions are led around it, and bend around what moves."""
+from __future__ import annotations
+
+import numpy as np
+
+from gdmp_ros.dmp.skill import Skill
+from gdmp_ros.learning.detour import detour, leads_around
+from gdmp_ros.scene.route import Tool
+from gdmp_ros.scene.scene import Scene
+
+#: A volume that has moved further than this since a motion began is bent around [m].
+MOVED_M = 0.01
+
+
+class Surroundings:
+    """
+    The scene of a server.
+
+    :ivar scene: present one, in the frame of the motions
+    :ivar tool: its shape; None: motions are not led around anything
+    :ivar around: names of the volumes around which the last motion was led
+    """
+
+    def __init__(self, tool: Tool | None = None):
+        self.scene, self.tool = Scene(), tool
+        self.around: tuple[str, ...] = ()
+        self._known = Scene()
+
+    def led(self, skill: Skill, start: np.ndarray | None, goal: np.ndarray | None) -> Skill:
+        """
+        Return what is executed instead of a skill: with a path around what is in the way.
+
+        :param start: where it begins; None for the skill's
+        :param goal: the same of its goal
+        :raises BlockedError: if there is no way
+        """
+        self._known, self.around = self.scene.copy(), ()
+        if self.tool is None or not len(self.scene) or not leads_around(skill):
+            return skill
+        changed = skill.between(start=start, goal=goal)
+        found = detour(changed, self._known, self.tool)
+        self.around = found.around
+        return found.skill if found.around else skill
+
+    @property
+    def moved(self) -> Scene:
+        """What has come or moved since the motion began."""
+        return Scene([volume for volume in self.scene
+                      if volume.name not in self._known
+                      or volume.kind != self._known[volume.name].kind
+                      or np.abs(volume.pose[:3] - self._known[volume.name].pose[:3]).max()
+                      > MOVED_M], self.scene.margin)
+
+    @property
+    def radius(self) -> float:
+        """Radius of a ball around the tool point that the tool is in, mostly [m]."""
+        if self.tool is None or not len(self.tool.capsules):
+            return 0.0
+        rows = self.tool.capsules
+        return float(max(np.linalg.norm(0.5 * (row[:3] + row[3:6])) + row[6] for row in rows))
