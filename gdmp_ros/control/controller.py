@@ -22,7 +22,7 @@ from gdmp_ros.control.reference_kinds import MeasuredMotion
 from gdmp_ros.control.settings import ControllerSettings
 from gdmp_ros.control.spring import moved_with_tool, spring_wrench, stored_energy
 from gdmp_ros.control.stiffness import diagonal_bounds
-from gdmp_ros.control.surroundings import depths
+from gdmp_ros.control.surroundings import depths, SLACK
 from gdmp_ros.control.tank import EnergyTank
 from gdmp_ros.control.target import POSE, STIFFNESS, WRENCH
 from gdmp_ros.control.torque_limits import outside_of, relief_of, SPEED_MARGIN
@@ -396,9 +396,10 @@ class ImpedanceController:
     def _take_scene(self, scene: Scene) -> None:
         arm, before = self.memory, {name: k for k, name in enumerate(self.scene.names)}
         rows = scene.packed(self._body.bits)
-        deep = depths(self._chain, self._body, arm.position, rows)
+        deep = depths(self._chain, self._body, arm.position, rows) + SLACK
         acts = np.zeros_like(deep)  # how much of the depth acts at present
-        known = depths(self._chain, self._body, arm.position, arm.volumes[:len(before)].copy())
+        known = SLACK + depths(self._chain, self._body, arm.position,
+                               arm.volumes[:len(before)].copy())
         for k, name in enumerate(scene.names):
             if name in before:
                 at = before[name]

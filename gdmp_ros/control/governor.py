@@ -113,8 +113,8 @@ def _collect_rows(arm, position, pose, jacobian, singular, rows, bounds, ids):
                       0.5 * limits.acceleration, limits.speed, 2 * n + OTHER_ROWS, rows, bounds,
                       ids, count)
     count, arm.scalars.slowed, arm.scalars.clearance, arm.scalars.nearest = surroundings_rows(
-        arm.frames, arm.axes, position, arm.capsules, arm.volumes, 0.5 * limits.acceleration,
-        limits.speed, limits.retreat_speed, 2 * n + OTHER_ROWS + arm.pairs.shape[0], rows, bounds,
+        arm.frames, arm.axes, position, arm.capsules, arm.volumes,
+        0.5 * limits.acceleration, limits.speed, limits.retreat_speed, 2 * n + OTHER_ROWS + arm.pairs.shape[0], rows, bounds,
         ids, count)
     if limits.retreat_speed == 0.0:
         arm.scalars.slowed = min(arm.scalars.slowed, arm.scalars.left)

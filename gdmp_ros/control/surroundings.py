@@ -29,8 +29,9 @@ LAST_SEEN_S = 0.3
 #: An arm stands still before a volume reaches it that comes: it is slowed down from this time
 #: before the contact on [s]; at the end a share of the margin is left.
 SLOWED_S, LEFT_SHARE = 0.6, 1.0
-#: The reference keeps this much more than the margin: the arm is not quite where it is [m].
-SLACK = 0.005
+#: The reference keeps this much more than the margin, and there the barrier begins: the arm is not
+#: quite where its reference is [m].
+SLACK = 0.01
 #: Volumes that are further away than this are not near [m].
 SEEN_FROM = 0.5
 #: Ends of a link have a row of their own if they are this far along it from its nearest point, so
@@ -160,7 +161,7 @@ def surroundings_rows(frames, axes, position, capsules, volumes, deceleration, f
             place_capsules(frames, axes, position, capsules, links, turns, ends)
             placed = True
         speed = math.sqrt(volume[TWIST] ** 2 + volume[TWIST + 1] ** 2 + volume[TWIST + 2] ** 2)
-        furthest = volume[MARGIN] + reach + SLOWED_S * speed
+        furthest = volume[MARGIN] + SLACK + reach + SLOWED_S * speed
         for c in range(m):
             capsule = capsules[c]
             if capsule[0] == 0.0 or _is_allowed(volume, capsule) or _is_far(
@@ -217,7 +218,7 @@ def push_away(frames, axes, position, velocity, capsules, volumes, seen, dt, rel
             place_capsules(frames, axes, position, capsules, links, turns, ends)
             placed = True
         speed = math.sqrt(volume[TWIST] ** 2 + volume[TWIST + 1] ** 2 + volume[TWIST + 2] ** 2)
-        furthest = volume[MARGIN] + SLOWED_S * speed
+        furthest = volume[MARGIN] + SLACK + SLOWED_S * speed
         for c in range(m):
             capsule = capsules[c]
             if capsule[0] == 0.0 or _is_allowed(volume, capsule) or _is_far(
@@ -225,7 +226,7 @@ def push_away(frames, axes, position, velocity, capsules, volumes, seen, dt, rel
                 relief[v, c] = 0.0
                 continue
             distance, t = segment_distance(volume, ends[2 * c], ends[2 * c + 1], way)
-            deep = max(volume[MARGIN] - distance + capsule[7], 0.0)
+            deep = max(volume[MARGIN] + SLACK - distance + capsule[7], 0.0)
             for i in range(3):
                 point[i] = ends[2 * c, i] + t * (ends[2 * c + 1, i] - ends[2 * c, i])
             coming = _coming(volume, point, way) if seen <= LAST_SEEN_S else 0.0

@@ -19,7 +19,11 @@ from gdmp_ros.sim.scenes import CLUTTER, PUSHED
 from gdmp_ros.util.profiles import minimum_jerk
 
 #: When it is pushed, as progress of the motion, by how much [m], and how long that takes [s].
-PUSH_AT, PUSH_BY, PUSH_S = 0.42, np.array([-0.12, 0.0, 0.0]), 1.2
+PUSH_AT, PUSH_BY, PUSH_S = 0.42, np.array([0.07, 0.0, 0.0]), 1.2
+#: Stiffness of the tool: a softer arm swings further into the margin [N/m].
+STIFFNESS = [1000.0, 1000.0, 1000.0]
+#: Parameter of arm and server.
+MARGIN = {'scene_margin': CLUTTER.margin}
 #: The scene is told at this interval [s].
 INTERVAL_S = 1.0 / 30.0
 
@@ -83,17 +87,15 @@ def clearance(run: Run, told: list[tuple[int, Scene]], arm: Arm) -> dict[str, An
     return {'least_m': least, 'margin_m': margin, 'contacts': contacts}
 
 
-def execute(bed: NodeTestbed, task: Callable[[Callable[[], None]], dict[str, Any]]
-            ) -> dict[str, Any]:
+def execute(bed: NodeTestbed, task: Callable[[Clutter], dict[str, Any]]) -> dict[str, Any]:
     """
     Execute the pick among the objects.
 
-    :param task: executes it, and calls what it is given half way
+    :param task: starts the nodes, executes it, records it, and pushes on its way
     """
     clutter = Clutter(bed)
     try:
-        bed.record()
-        document = task(clutter.push)
+        document = task(clutter)
     finally:
         clutter.end()
     run = bed.recorded()

@@ -170,7 +170,8 @@ def _among_objects(bed: NodeTestbed) -> dict[str, Any]:
 def _start(bed: NodeTestbed, task: str, **server: Any) -> None:
     """Start arm and server with the skill; a Franka goes to its home posture first."""
     print('starting arm and server', flush=True)
-    bed.start_arm(world=_world(task))
+    margin: dict[str, Any] = clutter.MARGIN if task == 'clutter' else {}
+    bed.start_arm(world=_world(task), **margin)
     if bed.arm.kind == 'franka':
         move_joints(bed.client, bed.arm.node)
     bed.start_server(skill=str(bed.folder / 'skill.json'), **server)
@@ -178,11 +179,11 @@ def _start(bed: NodeTestbed, task: str, **server: Any) -> None:
 
 
 def _among_clutter(bed: NodeTestbed) -> dict[str, Any]:
-    return clutter.execute(bed, lambda half_way: _pick(bed, 'clutter', half_way))
+    return clutter.execute(bed, lambda among: _pick(bed, 'clutter', bed.record, among.push))
 
 
-def _pick(bed: NodeTestbed, task: str = 'pick', half_way: Callable[[], None] = lambda: None
-          ) -> dict[str, Any]:
+def _pick(bed: NodeTestbed, task: str = 'pick', begin: Callable[[], None] = lambda: None,
+          half_way: Callable[[], None] = lambda: None) -> dict[str, Any]:
     grippers: list[GripperState] = []
     cubes: list[np.ndarray] = []
     bed.client.subscribe(GripperState, 'gripper/state', grippers.append, 100)
@@ -192,8 +193,10 @@ def _pick(bed: NodeTestbed, task: str = 'pick', half_way: Callable[[], None] = l
     if bed.arm.kind == 'franka':
         bed.children.start_node(FRANKA_GRIPPER, MODULES[FRANKA_GRIPPER],
                                 {'host': bed.arm.parameters()['host']})
-    _start(bed, task)
+    _start(bed, task, **({'stiffness': clutter.STIFFNESS, **clutter.MARGIN}
+                         if task == 'clutter' else {}))
     bed.wait('the gripper', lambda: bool(grippers), START_UP_S)
+    begin()
     error = _execute_task(bed, half_way, 0.5 if task == 'pick' else clutter.PUSH_AT)
     bed.spend(0.5)
     held = [gripper.width for gripper in grippers if gripper.holding]

@@ -20,7 +20,7 @@ from gdmp_ros.scene.route import clearances, Grid, tight, Tool
 from gdmp_ros.scene.scene import Scene
 
 #: Samples of a path; margins that are tried, the first that leaves a way is taken.
-SAMPLES, MARGINS = 401, (2.0, 1.5, 1.3)
+SAMPLES, MARGINS = 401, (2.0, 1.6)
 #: The way leaves the plain path this share of its samples before what is in the way, and the
 #: widths with which its corners are rounded.
 LEAD, WIDTHS = 0.06, (0.03, 0.015, 0.006, 0.0)
@@ -79,8 +79,9 @@ def detour(skill: Skill, scene: Scene, tool: Tool, lowest: float = 0.0) -> Detou
         if left[at] <= 0.0:
             raise BlockedError(f'blocked by {scene.names[which[at]]}: the tool is '
                                f'{_mm(left[at])} inside its margin at the {what}')
+    fixed = [round(event.progress * (SAMPLES - 1)) for event in skill.events]
     for margins in MARGINS:
-        way = _way(path, volumes, tool, margins, lowest)
+        way = _way(path, volumes, tool, margins, lowest, fixed)
         if way is None:
             continue
         for width in WIDTHS:
@@ -124,40 +125,54 @@ def _sampled(skill: Skill) -> _Path:
         turns, (SAMPLES, 4)))
 
 
-def _way(path: _Path, volumes: np.ndarray, tool: Tool, margins: float, lowest: float
-         ) -> np.ndarray | None:
-    """Return positions around what is in the way, one for each sample of the path."""
+def _way(path: _Path, volumes: np.ndarray, tool: Tool, margins: float, lowest: float,
+         fixed: list[int]) -> np.ndarray | None:
+    """
+    Return positions around what is in the way, one for each sample of the path.
+
+    :param fixed: samples that stay where they are
+    """
     left, _ = clearances(volumes, tool, path.positions, path.turns, margins)
-    near = np.flatnonzero(left <= 0.0)
-    lead = round(LEAD * SAMPLES)
-    first, last = _free_before(left, near[0] - lead), _free_after(left, near[-1] + lead)
-    middle = path.turns[(near[0] + near[-1]) // 2]
-    grid = Grid(volumes, tool, path.positions, middle, margins, lowest)
-    found = grid.shortest(path.positions[first], path.positions[last])
-    if found is None:
-        return None
-    found = np.vstack([path.positions[first], found, path.positions[last]])
-    found = tight(volumes, tool, found, middle, margins)
     result = path.positions.copy()
-    # As far along the way as along the plain path.
-    along = _lengths(path.positions[first:last + 1])
-    share = along / along[-1] if along[-1] > 1e-3 else np.linspace(0.0, 1.0, len(along))
-    lengths = _lengths(found)
-    for i in range(3):
-        result[first:last + 1, i] = np.interp(share * lengths[-1], lengths, found[:, i])
+    for first, last in _parts_to_lead(path, volumes, tool, left > 0.0, fixed):
+        middle = path.turns[(first + last) // 2]
+        grid = Grid(volumes, tool, path.positions[first:last + 1], middle, margins, lowest)
+        found = grid.shortest(path.positions[first], path.positions[last])
+        if found is None:
+            return None
+        found = np.vstack([path.positions[first], found, path.positions[last]])
+        found = tight(volumes, tool, found, middle, margins)
+        # As far along the way as along the plain path.
+        along = _lengths(path.positions[first:last + 1])
+        share = along / along[-1] if along[-1] > 1e-3 else np.linspace(0.0, 1.0, len(along))
+        lengths = _lengths(found)
+        for i in range(3):
+            result[first:last + 1, i] = np.interp(share * lengths[-1], lengths, found[:, i])
     return result
 
 
-def _free_before(left: np.ndarray, at: int) -> int:
-    while at > 0 and left[at] <= 0.0:
-        at -= 1
-    return max(at, 0)
+def _parts_to_lead(path: _Path, volumes: np.ndarray, tool: Tool, free: np.ndarray,
+                   fixed: list[int]) -> list[tuple[int, int]]:
+    """
+    Return the parts of a path that are led elsewhere: first and last sample of each.
 
-
-def _free_after(left: np.ndarray, at: int) -> int:
-    while at < len(left) - 1 and left[at] <= 0.0:
-        at += 1
-    return min(at, len(left) - 1)
+    :param free: samples from which a way may leave, and to which it may return
+    """
+    near = clearances(volumes, tool, path.positions, path.turns)[0] <= 0.0
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], near, [False]]).astype(int)))
+    lead, parts = round(LEAD * SAMPLES), list[tuple[int, int]]()
+    for begin, end in zip(edges[::2], edges[1::2]):
+        least = max([0, *(k for k in fixed if k < begin)])
+        most = min([SAMPLES - 1, *(k for k in fixed if k >= end)])
+        first, last = max(begin - lead, least), min(end - 1 + lead, most)
+        while first > least and not free[first]:
+            first -= 1
+        while last < most and not free[last]:
+            last += 1
+        if parts and first < parts[-1][1]:
+            first, _ = parts.pop()
+        parts.append((int(first), int(last)))
+    return parts
 
 
 def _lengths(positions: np.ndarray) -> np.ndarray:
@@ -184,7 +199,7 @@ def _learned(skill: Skill, path: _Path, way: np.ndarray, width: float, names: tu
         Demonstration(times, points.reshape(-1, *skill.manifold.point_shape), skill.manifold),
         max(LEAST_BASIS, len(skill.weights)), skill.gains.alpha_z, skill.gains.alpha_x,
         skill.connection, alpha_g=skill.gains.alpha_g, provenance={**skill.provenance, 'around': list(names)})
-    at = times / times[-1]
-    events = [event._replace(progress=float(np.interp(event.progress, path.times / path.times[-1],
-                                                      at))) for event in skill.events]
+    before, at = path.times / path.times[-1], times / times[-1]
+    events = [event._replace(progress=float(np.interp(event.progress, before, at)))
+              for event in skill.events]
     return learned.with_events(events), float(new.sum() / plain.sum())

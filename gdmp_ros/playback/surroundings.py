@@ -10,6 +10,8 @@ from gdmp_ros.scene.scene import Scene
 
 #: A volume that has moved further than this since a motion began is bent around [m].
 MOVED_M = 0.01
+#: What is further from the tool point than this is no part of the ball around it [m].
+TOOL_M = 0.15
 
 
 class Surroundings:
@@ -53,8 +55,9 @@ class Surroundings:
 
     @property
     def radius(self) -> float:
-        """Radius of a ball around the tool point that the tool is in, mostly [m]."""
-        if self.tool is None or not len(self.tool.capsules):
+        """Radius of a ball around the tool point in which the tool is, near the point [m]."""
+        if self.tool is None:
             return 0.0
-        rows = self.tool.capsules
-        return float(max(np.linalg.norm(0.5 * (row[:3] + row[3:6])) + row[6] for row in rows))
+        far = [float(np.linalg.norm(0.5 * (row[:3] + row[3:6]))) + float(row[6])
+               for row in self.tool.capsules]
+        return max((reach for reach in far if reach < TOOL_M), default=0.0)

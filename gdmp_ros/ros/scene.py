@@ -14,13 +14,20 @@ from gdmp_ros.manifolds.quaternion import rotation_between
 from gdmp_ros.realtime.loop import NS
 from gdmp_ros.ros.frames import FrameError
 from gdmp_ros.ros.lifecycle import ManagedNode
+from gdmp_ros.ros.parameters import Spec
 from gdmp_ros.scene.scene import read_scene, Scene
-from gdmp_ros.scene.volume import box_around, Volume
+from gdmp_ros.scene.volume import box_around, DEFAULT_MARGIN, Volume
 
 #: A volume that comes again within this time moves as it has moved since [s].
 AGAIN_S = 0.5
 #: Slower ones rest: what a camera sees shakes [m/s, rad/s].
 RESTS_M_S, RESTS_RAD_S = 0.01, 0.1
+SPECS = (
+    Spec('scene_file', '', 'what is around the arm: a scene file (docs/obstacles.md), beside '
+         '~/scene', changes='configure'),
+    Spec('scene_margin', DEFAULT_MARGIN, 'distance that is kept from what is around the arm; a '
+         'scene file has its own', 'm', 0.0, 1.0, changes='configure'),
+)
 #: Kinds of markers that are lists of points.
 _POINTS = (Marker.POINTS, Marker.LINE_STRIP, Marker.LINE_LIST, Marker.TRIANGLE_LIST,
            Marker.SPHERE_LIST, Marker.CUBE_LIST)
@@ -67,20 +74,21 @@ def only_in(frame: str) -> Callable[[Any], None]:
 class SceneTopic:
     """Keeps a scene from a file and from ``~/scene``, in the frame of the base."""
 
-    def __init__(self, node: ManagedNode, place_of: Callable[[Any], np.ndarray | None], file: str,
-                 use: Callable[[Scene], None], refuse: Callable[[str], None]):
+    def __init__(self, node: ManagedNode, place_of: Callable[[Any], np.ndarray | None],
+                 parameters: Any, use: Callable[[Scene], None], refuse: Callable[[str], None]):
         """
         Read the file, and subscribe.
 
         :param place_of: gives the pose of the frame of a header in the base, None for the base
             itself; raises a `FrameError`
-        :param file: scene file; empty: none
+        :param parameters: with `SPECS`
         :param use: called with the scene when it has changed; raises a `GdmpError` to refuse it
         :param refuse: called with the reason
         :raises DataError: if the file cannot be read
         """
         self._node, self._place_of, self._use, self._refuse = node, place_of, use, refuse
-        self.scene = read_scene(file) if file else Scene()
+        file = parameters.scene_file
+        self.scene = read_scene(file) if file else Scene(margin=parameters.scene_margin)
         self._ends: dict[str, float] = {}
         self._seen: dict[str, float] = {}
         if len(self.scene):

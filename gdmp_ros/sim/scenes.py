@@ -260,10 +260,10 @@ def standing_at(scene: Callable[[mujoco.MjSpec], None], height: float
 
 #: Objects between the boxes, in the frame of the base, and the one that is pushed.
 CLUTTER, PUSHED = Scene([
-    Volume('post', 'capsule', (0.03, 0.3), np.array([0.45, 0.0, 0.15, 1.0, 0.0, 0.0, 0.0])),
-    Volume('crate', 'box', (0.1, 0.1, 0.25), np.array([0.66, 0.0, 0.125, 1.0, 0.0, 0.0, 0.0])),
-    Volume('bottle', 'capsule', (0.035, 0.15),
-           np.array([0.3, -0.02, 0.11, 1.0, 0.0, 0.0, 0.0]))], 0.03), 'crate'
+    Volume('post', 'capsule', (0.03, 0.3), np.array([0.43, 0.0, 0.18, 1.0, 0.0, 0.0, 0.0])),
+    Volume('crate', 'box', (0.12, 0.12, 0.12), np.array([0.62, 0.02, 0.06, 1.0, 0.0, 0.0, 0.0])),
+    Volume('bottle', 'capsule', (0.05, 0.3),
+           np.array([0.29, 0.0, 0.2, 1.0, 0.0, 0.0, 0.0]))], 0.03), 'post'
 
 
 def clutter(spec: mujoco.MjSpec) -> None:

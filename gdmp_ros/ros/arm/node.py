@@ -101,8 +101,7 @@ class ArmNode(ManagedNode):
             self.joint_names = arm.names
         self.arm_services = ArmServices(self)
         self.add_subscription(JointState, '~/posture', self._on_posture)
-        self._scene = SceneTopic(self, only_in(p.frame_id), p.scene_file, self._surround,
-                                 self._refuse)
+        self._scene = SceneTopic(self, only_in(p.frame_id), p, self._surround, self._refuse)
         self._diagnostics = self.add_publisher(DiagnosticArray, '/diagnostics', 10)
         self._status_out = self.add_publisher(ArmStatus, '~/status', 10)
         self._description = self.add_publisher(String, 'robot_description', 1, late=True)

@@ -16,6 +16,7 @@ from gdmp_ros.control.settings import (
 )
 from gdmp_ros.franka.settings import FrankaSettings
 from gdmp_ros.ros.parameters import settings_from, Spec, specs_of
+from gdmp_ros.ros.scene import SPECS as SCENE_SPECS
 from gdmp_ros.sim.arm import Arm, Extra
 from gdmp_ros.sim.frames import ToolTransform
 from gdmp_ros.sim.gripper import add_gripper, SimulatedGripper
@@ -44,8 +45,7 @@ ARM = (
     Spec('reference_topic', 'trajectory_server/reference', 'gdmp_msgs/Reference to follow'),
     Spec('visualization_rate_hz', 100, 'rate of joint states, measured pose and stiffness for '
          'viewers', 'Hz', 1, 100),
-    Spec('scene_file', '', 'what is around the arm: a scene file (docs/obstacles.md), beside '
-         '~/scene; its links keep their distance', changes='configure'),
+    *SCENE_SPECS,
     *specs_of(GuardSettings, names=_GUARD),
     *specs_of(ControllerSettings),
     *specs_of(LimitSettings),

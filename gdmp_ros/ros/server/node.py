@@ -33,6 +33,7 @@ from gdmp_ros.ros.middleware import CLOCK_DEPTH, reliable, Subscription
 from gdmp_ros.ros.parameters import Parameters, settings_from, Spec, specs_of
 from gdmp_ros.ros.running import own_arguments, run
 from gdmp_ros.ros.scene import SceneTopic
+from gdmp_ros.ros.scene import SPECS as SCENE_SPECS
 from gdmp_ros.ros.server.actions import ExecuteAction, SequenceAction
 from gdmp_ros.ros.server.compiled_loop import CHANGED, ServerLoop, TICKED, warm_up
 from gdmp_ros.ros.server.inputs import GoalTopics, GripperTopics, ObjectsOnTf, RobotInputs
@@ -61,8 +62,7 @@ SPECS = (
     Spec('tf_timeout', 1.0, 'a goal in a frame of which nothing is known yet waits this long', 's',
          0.0, 60.0, changes='live'),
     *specs_of(ObjectSettings, 'motion'),
-    Spec('scene_file', '', 'what is around the arm: a scene file (docs/obstacles.md), beside '
-         '~/scene; motions are led around it'),
+    *SCENE_SPECS,
     Spec('rate_hz', 1000, 'ticks per second', 'Hz', 10, 2000),
     Spec('execute_on_activate', False, 'start the skill when the node is activated'),
     Spec('reach_model', '', 'arm with which goals, and skills when they are loaded, are checked: '
@@ -175,7 +175,7 @@ class TrajectoryServer(ManagedNode):
         self.inputs.connect(self.streamer)
         if checker is not None:
             self.streamer.surroundings.tool = checker.tool
-        self._scene = SceneTopic(self, self._base.place_of, parameters.scene_file,
+        self._scene = SceneTopic(self, self._base.place_of, parameters,
                                  self.streamer.surround, self.streamer.refusals.add)
         self._skills = SkillLoader(self.streamer, checker, self.get_logger())
         self._skills.use_that_of(parameters)
