@@ -44,7 +44,7 @@ setup(
         'franka': ['mujoco>=4.0,<5', 'pylibfranka>=0.21,<0.22'],
         'studio': ['mujoco>=4.0,<5', 'viser>=1.1,<2'],
         'fuzz': ['atheris>=3', 'hypothesis>=6.100'],
-        'test': ['daqp>=0.7', 'mink>=1.2'],
+        'test': ['coal>=3', 'daqp>=0.7', 'mink>=1.2'],
     },
     zip_safe=False,
     entry_points={'console_scripts': [

@@ -113,9 +113,9 @@ def _collect_rows(arm, position, pose, jacobian, singular, rows, bounds, ids):
                       0.5 * limits.acceleration, limits.speed, 2 * n + OTHER_ROWS, rows, bounds,
                       ids, count)
     count, arm.scalars.slowed, arm.scalars.clearance, arm.scalars.nearest = surroundings_rows(
-        arm.frames, arm.axes, position, arm.capsules, arm.volumes,
-        0.5 * limits.acceleration, limits.speed, limits.retreat_speed, 2 * n + OTHER_ROWS + arm.pairs.shape[0], rows, bounds,
-        ids, count)
+        arm.frames, arm.axes, position, arm.capsules, arm.volumes, 0.5 * limits.acceleration,
+        limits.speed, limits.retreat_speed, 2 * n + OTHER_ROWS + arm.pairs.shape[0], rows,
+        bounds, ids, count)
     if limits.retreat_speed == 0.0:
         arm.scalars.slowed = min(arm.scalars.slowed, arm.scalars.left)
     return count, value
@@ -318,14 +318,18 @@ def _decide_return(numbers):
 
 @kernel
 def _slow_down(last, rows, bounds, rates):
-    """No velocity was found: the largest part of the last one that satisfies all rows."""
+    """
+    No velocity was found: the largest part of the last one that satisfies all rows.
+
+    Where one asks to go away from something, and another is in the way, it stands.
+    """
     share = 1.0
     for i in range(bounds.size):
         speed = 0.0
         for k in range(last.size):
             speed += rows[i, k] * last[k]
-        if speed > bounds[i]:
-            share = min(share, bounds[i] / speed)
+        if speed > max(bounds[i], 0.0):
+            share = min(share, max(bounds[i], 0.0) / speed)
     for k in range(last.size):
         rates[k] = share * last[k]
 

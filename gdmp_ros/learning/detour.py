@@ -198,7 +198,8 @@ def _learned(skill: Skill, path: _Path, way: np.ndarray, width: float, names: tu
     learned = Skill.learn(
         Demonstration(times, points.reshape(-1, *skill.manifold.point_shape), skill.manifold),
         max(LEAST_BASIS, len(skill.weights)), skill.gains.alpha_z, skill.gains.alpha_x,
-        skill.connection, alpha_g=skill.gains.alpha_g, provenance={**skill.provenance, 'around': list(names)})
+        skill.connection, alpha_g=skill.gains.alpha_g,
+        provenance={**skill.provenance, 'around': list(names)})
     before, at = path.times / path.times[-1], times / times[-1]
     events = [event._replace(progress=float(np.interp(event.progress, before, at)))
               for event in skill.events]

@@ -21,6 +21,13 @@ def test_a_pick_is_shown_learned_and_executed(tmp_path, kind):
     assert made['succeeded'] and made['task'] == 'pick' and not made.get('error')
 
 
+def test_a_pick_goes_through_objects_of_which_one_is_pushed_into_the_way(tmp_path):
+    assert run_task('clutter', tmp_path, ArmChoice(), lockstep_bed) == 0
+    made = report(tmp_path)
+    assert made['placed'] and made['clearance']['contacts'] == 0
+    assert made['clearance']['least_m'] > made['clearance']['margin_m']
+
+
 @pytest.mark.parametrize('kind', ['sim', 'ur5e'])
 def test_a_skill_of_the_joints_is_shown_learned_and_executed(tmp_path, kind):
     assert run_task('joints', tmp_path, ArmChoice(kind), lockstep_bed) == 0

@@ -1,0 +1,168 @@
+"""What is around the arm: rows as derivatives of distances, the barrier, and what they do."""
+import numpy as np
+import pytest
+
+from experiments.control_limits import ANYWHERE
+from experiments.obstacles import arm_trial, at_rest, follow, stream
+from gdmp_ros import DataError
+from gdmp_ros.control.limit_rows import approach
+from gdmp_ros.control.settings import ControllerSettings, LimitSettings
+from gdmp_ros.control.surroundings import (
+    depths,
+    MOST_ROWS,
+    push_away,
+    SLACK,
+    surroundings_rows,
+)
+from gdmp_ros.scene import Scene, Volume
+from gdmp_ros.sim.arm import Arm
+from gdmp_ros.sim.closed_loop import ClosedLoop
+from gdmp_ros.util.profiles import minimum_jerk
+
+MARGIN = 0.02
+
+
+def volume(place, kind='box', size=(0.1, 0.2, 0.15), **others):
+    return Volume('thing', kind, size, np.array([*place, 0.8, 0.3, -0.4, 0.332]) / np.array(
+        [1, 1, 1, *[np.linalg.norm([0.8, 0.3, -0.4, 0.332])] * 4]), **others)
+
+
+def found_rows(arm, posture, rows_of, retreat=0.0):
+    n = len(posture)
+    rows, bounds, ids = np.zeros((MOST_ROWS, n)), np.zeros(MOST_ROWS), np.zeros(MOST_ROWS)
+    count, share, clearance, nearest = surroundings_rows(
+        *arm.chain, posture, arm.shape.capsules, rows_of, 5.0, 100.0, retreat, 0, rows, bounds,
+        ids, 0)
+    return rows[:count], bounds[:count], ids[:count].astype(int), share, clearance, nearest
+
+
+@pytest.mark.parametrize(('kind', 'size'), [('sphere', (0.1,)), ('capsule', (0.05, 0.3)),
+                                            ('box', (0.1, 0.2, 0.3))])
+def test_a_row_is_the_derivative_of_the_distance(kind, size, rng):
+    arm, h, checked = Arm(), 1e-6, 0
+    for _ in range(20):
+        posture = rng.uniform(arm.limits.lower, arm.limits.upper)
+        packed = Scene([volume(rng.uniform(-0.6, 0.6, 3), kind, size)], MARGIN).packed()
+        before = depths(arm.chain, arm.shape, posture, packed)[0]
+        rows, bounds, ids, *_ = found_rows(arm, posture, packed)
+        for link in set(ids.tolist()):
+            own = rows[ids == link]
+            bound = approach(-before[link] - SLACK, 5.0)
+            k = int(np.argmin(np.abs(bounds[ids == link] - bound)))
+            if before[link] > MARGIN:  # it runs through the volume
+                continue
+            assert bounds[ids == link].min() == pytest.approx(bound, abs=1e-9)
+            for j in range(len(posture)):
+                moved = posture.copy()
+                moved[j] += h
+                rate = (depths(arm.chain, arm.shape, moved, packed)[0, link] - before[link]) / h
+                moved[j] -= 2.0 * h
+                back = (before[link] - depths(arm.chain, arm.shape, moved, packed)[0, link]) / h
+                assert min(rate, back) - 1e-4 <= own[k, j] <= max(rate, back) + 1e-4
+                checked += 1
+    assert checked > 100
+
+
+def test_what_may_touch_and_what_comes(rng):
+    arm = Arm()
+    place = arm.pose_at(arm.home)[:3] + [0.0, 0.2, 0.0]
+    thing = volume(place, 'sphere', (0.03,))
+    still = found_rows(arm, arm.home, Scene([thing], MARGIN).packed(arm.shape.bits))
+    assert still[3] == 1.0 and 0.0 < still[4] < 0.2
+    links = [arm.shape.links[k] for k in still[2]]
+    assert 'hand' in links
+    may = volume(place, 'sphere', (0.03,), allowed=tuple(dict.fromkeys(links)))
+    assert len(found_rows(arm, arm.home, Scene([may], MARGIN).packed(arm.shape.bits))[0]) == 0
+    with pytest.raises(DataError, match="no link 'wheel'"):
+        Scene([volume(place, allowed=('wheel',))]).packed(arm.shape.bits)
+    comes = thing.at(thing.pose, np.array([0.0, -0.3, 0.0, 0.0, 0.0, 0.0]))
+    packed = Scene([comes], MARGIN).packed(arm.shape.bits)
+    rows, bounds, ids, share, *_ = found_rows(arm, arm.home, packed)
+    # The arm is slowed down; it may stand, but need not go away.
+    assert share < 0.7 and bounds.min() >= 0.0
+    near = comes.at(comes.pose - [0.0, 0.12, 0.0, 0.0, 0.0, 0.0, 0.0], comes.twist)
+    packed = Scene([near], MARGIN).packed(arm.shape.bits)
+    assert found_rows(arm, arm.home, packed)[3] == 0.0
+    assert found_rows(arm, arm.home, packed, 0.2)[1].min() < -0.1
+
+
+def test_only_what_the_arm_does_pushes_it_back():
+    """A volume that comes nearer, or was put there, does not."""
+    arm, n = Arm(), 7
+    place = arm.pose_at(arm.home)[:3] + [0.0, 0.15, 0.0]
+    packed = Scene([volume(place, 'sphere', (0.02,))], 0.06).packed(arm.shape.bits)
+    deep = np.maximum(depths(arm.chain, arm.shape, arm.home, packed) + SLACK, 0.0)
+    assert deep.max() > 0.005
+
+    def push(posture, relief):
+        torque = np.zeros(n)
+        push_away(*arm.chain, posture, np.zeros(n), arm.shape.capsules, packed, 0.0, 1e-3, relief,
+                  torque)
+        return torque
+    assert not push(arm.home, deep.copy()).any()
+    torque = push(arm.home, np.zeros_like(deep))
+    assert np.abs(torque).max() > 1.0
+    away = arm.home + 1e-3 * torque / np.linalg.norm(torque)
+    assert depths(arm.chain, arm.shape, away, packed).max() < deep.max() - SLACK
+    packed[0, 12] = -0.2  # it comes
+    assert not push(arm.home, deep - 2e-5).any()
+
+
+@pytest.mark.parametrize('speed', [0.0, 0.25], ids=['standing', 'coming'])
+def test_nothing_near_elbow_or_wrist_is_touched_by_the_arm(speed):
+    """More of them: `python -m experiments obstacles standing coming`."""
+    rng = np.random.default_rng(5)
+    trials = [arm_trial(rng, speed) for _ in range(4)]
+    for trial in trials:
+        assert max(trial.contacts, default=0.0) <= 0.02
+        assert speed or (trial.contacts == () and trial.least > 0.03)
+    # Links slide along what is there; in a trap they stand.
+    assert speed or sum(trial.off < 0.01 for trial in trials) >= 3
+
+
+def test_an_arm_at_rest_stays_as_it_is_beside_something(rng):
+    assert all(one.holds for one in at_rest(rng, 2))
+
+
+def blocked_loop(retreat=0.0):
+    """An arm whose tool is led against a wall."""
+    loop = ClosedLoop(Arm(), ControllerSettings(
+        guard=ANYWHERE, limits=LimitSettings(retreat_speed=retreat)))
+    loop.controller.guard.arm()
+    return loop
+
+
+def test_what_blocks_is_named_and_it_goes_on_when_that_is_gone():
+    loop = blocked_loop()
+    arm, home = Arm(), loop.arm.measure().pose
+    wall = Volume('wall', 'box', (0.6, 0.04, 1.4), np.array(
+        [home[0], 0.25, 0.7, 1.0, 0.0, 0.0, 0.0]))
+    loop.controller.surround(Scene([wall], MARGIN))
+    shares = minimum_jerk(np.linspace(0.0, 1.0, 2000))
+    there = arm.home.copy()
+    there[0] += 1.0
+    references = stream(arm, arm.home + shares[:, None] * (there - arm.home), 800.0)
+    for reference in [*references, *references[-1:].repeat(1200, axis=0)]:
+        loop.must_follow(reference)
+        loop.tick()
+    packed = Scene([wall], MARGIN).packed()
+    assert depths(arm.chain, arm.shape, loop.arm.data.qpos.copy(), packed).max() < 0.0
+    assert 'wall (' in loop.controller.blocked and 'is near it' in loop.controller.blocked
+    distance, names = loop.controller.clearance
+    assert distance == pytest.approx(MARGIN + SLACK, abs=0.002) and names.endswith('and wall')
+    loop.controller.surround(Scene())
+    for _ in range(3000):
+        loop.must_follow(references[-1])
+        loop.tick()
+    assert np.linalg.norm(loop.arm.measure().pose[:3] - references[-1, :3]) < 0.005
+    assert loop.controller.blocked == '' and loop.controller.clearance == (np.inf, '')
+
+
+def test_it_goes_away_from_what_comes_if_it_may():
+    arm = Arm()
+    references = stream(arm, np.tile(arm.home, (3500, 1)), 800.0)
+    start = arm.pose_at(arm.home)
+    ball = Volume('ball', 'sphere', (0.05,), np.concatenate(
+        [start[:3] + [0.0, 0.4, 0.0], [1.0, 0.0, 0.0, 0.0]]), np.array([0.0, -0.1, 0.0, 0, 0, 0]))
+    assert follow(references, ball, 0.0).contacts
+    assert follow(references, ball, 0.3).contacts == ()
