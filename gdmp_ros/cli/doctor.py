@@ -95,6 +95,7 @@ def compile_motion() -> None:
     from gdmp_ros.manifolds.poses import IDENTITY
     from gdmp_ros.playback.player import Player
     from gdmp_ros.playback.prediction import prediction
+    from gdmp_ros.playback.rehearsal import rehearse
     from gdmp_ros.playback.settings import PlayerSettings
     skill = learned('polish')
     rollout = Rollout(skill)
@@ -107,6 +108,7 @@ def compile_motion() -> None:
     player = Player(skill, PlayerSettings())
     player.start(skill.start[:7])
     player.tick(0.001)
+    rehearse(skill, PlayerSettings())
 
 
 def compile_control() -> None:

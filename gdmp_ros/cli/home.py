@@ -1,7 +1,8 @@
 """Move the joints of a running arm to its home posture, or to another one.
 
-All joints move together, from rest to rest, in a straight line of joint space. Obstacles are not
-known: there must be room. No motion may be executed meanwhile.
+All joints move together, from rest to rest, in a straight line of joint space. It is refused if a
+link would come too near to what the arm knows of its surroundings (docs/obstacles.md). No motion
+may be executed meanwhile.
 
 examples:
   gdmp home

@@ -203,7 +203,8 @@ def _improve_on_robot(options: argparse.Namespace, scored: SimulatedTask, variab
         robot.begin_at(lambda present: reach.posture(start, present), options.wait)
         print('Each roll-out begins at the start of the skill. If the arm is elsewhere, its '
               'joints move there in a straight line of joint space. After a roll-out it goes '
-              'back the way it came. Obstacles are not known.', flush=True)
+              'back the way it came. Only obstacles in the scene of the arm are known.',
+              flush=True)
         _improve(options, task, variables, OneByOne(robot, journal), page)
     except Quit as error:
         print(f'{error}; the same command continues')

@@ -75,6 +75,8 @@ class ArmControl:
                      self.joints.cycle)
         self.controller.move_joints(measured, measured.position, measured.velocity, dt)
         self.controller.move_tool(measured.pose, measured.pose, self.driver.end_pose)
+        self.controller.surround(self.controller.scene)
+        self.compute(measured, dt)
         self.hold(measured)
 
     def follow(self, target: np.ndarray, mode: StreamMode = StreamMode.STREAMING) -> bool:

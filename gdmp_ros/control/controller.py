@@ -38,6 +38,9 @@ FREE_DAMPING = {State.COMPLIANT: 5.0, State.GUIDED: 2.0}
 UNEXPLAINED_N = 3.0
 #: Friction of a guided arm beside the force that is unexplained.
 FRICTION_SHARE = 1.5
+#: Joints are checked at this distance on their way [rad], and links may come this much nearer to
+#: what they are too near to [m].
+WAY_STEP, NEARER_M = 0.02, 0.001
 #: A reference is blocked that has made no way for this time [s].
 BLOCKED_S = 0.5
 _NOTHING = np.zeros(36)
@@ -121,6 +124,28 @@ class ImpedanceController:
         scene.packed(self._body.bits)
         self._next_scene = scene
 
+    def check_way(self, postures: np.ndarray) -> None:
+        """
+        Check straight ways of joint space from where the arm is; what is near already may stay so.
+
+        :param postures: one after another [rad], shape (T, n)
+        :raises ParameterError: if a link would come nearer to a volume than its margin
+        """
+        scene, places = self._next_scene or self.scene, [self.memory.position.copy(), *postures]
+        volumes = scene.packed(self._body.bits)
+        if not len(volumes):
+            return
+        known = np.maximum(depths(self._chain, self._body, places[0], volumes), 0.0) + NEARER_M
+        for number, (begin, end) in enumerate(zip(places, places[1:])):
+            for share in np.linspace(0.0, 1.0, 2 + int(np.abs(end - begin).max() / WAY_STEP)):
+                deep = depths(self._chain, self._body, begin + share * (end - begin), volumes)
+                at = np.unravel_index(int(np.argmax(deep - known)), deep.shape)
+                if deep[at] > known[at]:
+                    raise ParameterError(
+                        f'blocked by {scene.names[at[0]]}: {self._body.links[at[1]]} would be '
+                        f'{1e3 * deep[at]:.0f} mm inside its margin after '
+                        f'{100.0 * (number + share) / (len(places) - 1):.0f} % of the way')
+
     def take_posture(self) -> None:
         """Approach the posture of the settings again, if there is one."""
         self.posture.use(self.settings.posture)
@@ -151,9 +176,11 @@ class ImpedanceController:
         self._last_pose, self._last_position = measured.pose.copy(), measured.position.copy()
         arm.felt[:] = arm.correction[:] = arm.relief[:] = 0.0
         arm.moments[:] = arm.wanted_moments
-        arm.scalars.unknown, arm.scalars.left = 0.0, 1.0
+        arm.scalars.unknown, arm.scalars.slowed, arm.scalars.left = 0.0, 1.0, 1.0
         arm.nearness[:] = np.maximum(KEEP - clearances(self._chain, self._body, measured.position),
                                      0.0)
+        count = len(self.scene)
+        arm.depth[:count] = np.maximum(self._depths(measured.position, arm.volumes[:count]), 0.0)
         self._hold(measured.pose, measured.position)
 
     def tick(self, measured: Measurement, dt: float) -> Tick:
@@ -396,10 +423,9 @@ class ImpedanceController:
     def _take_scene(self, scene: Scene) -> None:
         arm, before = self.memory, {name: k for k, name in enumerate(self.scene.names)}
         rows = scene.packed(self._body.bits)
-        deep = depths(self._chain, self._body, arm.position, rows) + SLACK
+        deep = self._depths(arm.position, rows)
         acts = np.zeros_like(deep)  # how much of the depth acts at present
-        known = SLACK + depths(self._chain, self._body, arm.position,
-                               arm.volumes[:len(before)].copy())
+        known = self._depths(arm.position, arm.volumes[:len(before)])
         for k, name in enumerate(scene.names):
             if name in before:
                 at = before[name]
@@ -409,6 +435,10 @@ class ImpedanceController:
         arm.depth[:len(rows)] = np.maximum(np.maximum(deep, 0.0) - acts, 0.0)
         arm.scalars.seen = 0.0
         self.scene = scene
+
+    def _depths(self, position: np.ndarray, volumes: np.ndarray) -> np.ndarray:
+        """How deep each link is where the barrier of each volume acts [m]."""
+        return depths(self._chain, self._body, position, volumes) + SLACK
 
     def _hold(self, pose: np.ndarray, position: np.ndarray) -> None:
         """

@@ -65,7 +65,7 @@ def check_follows(acceleration: np.ndarray, measured: Measurement) -> None:
 
 class PostureMotion:
     """
-    From rest to rest by way of postures, all joints together; obstacles are not known.
+    From rest to rest by way of postures, all joints together.
 
     The way has minimal jerk, in straight lines of joint space from posture to posture.
     """

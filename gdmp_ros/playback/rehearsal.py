@@ -1,13 +1,18 @@
 """Calls every kernel of a player once, so that no tick has to load one."""
 from __future__ import annotations
 
+import numpy as np
+
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.playback.bounds import StreamBounds
 from gdmp_ros.playback.player import Player
 from gdmp_ros.playback.prediction import prediction
 from gdmp_ros.playback.settings import PlayerSettings, StreamSettings
+from gdmp_ros.scene.route import clearances, Tool
+from gdmp_ros.scene.volume import VOLUME_SIZE
 
 _DT = 1e-3  # s
+_UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
 
 
 def rehearse(skill: Skill, settings: PlayerSettings) -> None:
@@ -40,6 +45,7 @@ def rehearse(skill: Skill, settings: PlayerSettings) -> None:
     player.tick(_DT)
     player.hold(start)
     player.start(goal)  # by way of the robot
+    clearances(np.zeros((1, VOLUME_SIZE)), Tool.ball(0.1), np.zeros((1, 3)), _UPRIGHT)
     bounds = StreamBounds(StreamSettings())
     for _ in range(2):
         target = player.tick(_DT)

@@ -7,8 +7,9 @@ import pytest
 from visualization_msgs.msg import Marker, MarkerArray
 
 from experiments.obstacles import line
-from gdmp_ros import DataError
+from gdmp_ros import DataError, GdmpError
 from gdmp_ros.control.surroundings import depths
+from gdmp_ros.ros.clients.arm_client import move_joints
 from gdmp_ros.ros.clients.testbed import ARM, SERVER
 from gdmp_ros.ros.scene import markers_of, volume_of
 from gdmp_ros.scene import Scene, Volume
@@ -97,6 +98,19 @@ def test_the_arm_reports_what_is_near_it_until_it_is_gone(running, around):
     around(elsewhere)
     running.wait('the refusal', lambda: "the frame is 'camera'" in reports[-1].last_refusal, 5.0)
     assert "'camera'" in running.state.last_refusal
+
+
+def test_joints_are_not_moved_through_something(running, around):
+    home, there = Arm().home, Arm().home.copy()
+    there[0] += 1.2
+    middle = home.copy()
+    middle[0] += 0.6
+    place = Arm().pose_at(middle)[:3]
+    around(marker(Marker.SPHERE, place, (0.1, 0.1, 0.1), 'ball'))
+    with pytest.raises(GdmpError, match='blocked by ball: .* would be .* of the way'):
+        move_joints(running.client, ARM, there.tolist(), 0.5)
+    around(Marker(action=Marker.DELETEALL))
+    move_joints(running.client, ARM, there.tolist(), 1.0)
 
 
 def test_a_motion_is_led_around_what_is_in_its_way_or_refused(running, around, skill):

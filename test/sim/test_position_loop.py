@@ -25,8 +25,10 @@ from gdmp_ros.control.joint_motion import PostureMotion
 from gdmp_ros.control.plain_tick import controller_of, MADE, only_follows
 from gdmp_ros.control.servo import AHEAD_ACCELERATION, ServoState, write_measured
 from gdmp_ros.control.settings import TankSettings
+from gdmp_ros.control.surroundings import depths
 from gdmp_ros.control.target import POSE, resting_target
 from gdmp_ros.ros.messages import ROBOT_STATE_FIXED, robot_state_numbers
+from gdmp_ros.scene import Scene, Volume
 from gdmp_ros.sim.position_tick import plain_tick, view_of, write_arm
 from gdmp_ros.sim.servo_arm import ServoSettings
 from gdmp_ros.util.profiles import minimum_jerk
@@ -274,6 +276,24 @@ def test_beside_a_singular_posture_it_does_not_shake_its_tool():
     assert 'a singularity' in named
     # Mass times the acceleration that is sent ahead; the levers of all joints are 4 m together.
     assert max(felt[100:]) < 4.0 * 1.0 * AHEAD_ACCELERATION
+
+
+@pytest.mark.parametrize('settings', [FAST, SLOW], ids=['8 ms', '36 ms'])
+def test_its_links_keep_away_from_what_is_around(settings):
+    trial, margin = Trial(settings), 0.02
+    home, arm = trial.pose, trial.servo.arm
+    wall = Scene([Volume('wall', 'box', (1.0, 0.04, 2.0), np.array(
+        [home[0], home[1] + 0.25, 0.5, 1.0, 0.0, 0.0, 0.0]))], margin)
+    trial.loop.controller.surround(wall)
+    references = resting(home, 500.0, 4.0)
+    references[:, 1] += 0.4 * minimum_jerk(np.clip(np.linspace(0.0, 2.0, len(references)), 0, 1))
+    for k, reference in enumerate(references):
+        trial.loop.must_follow(reference)
+        trial.loop.tick()
+        if k % 10 == 0:
+            assert depths(arm.chain, arm.shape, trial.servo.read().position.copy(),
+                          wall.packed()).max() < 0.0
+    assert trial.loop.controller.blocked.startswith('wall (')
 
 
 def test_it_does_what_other_arms_do():

@@ -112,8 +112,9 @@ class ArmServices:
             goal = goal[order] if len(goal) else self._node.backend.model.home
             ways = _postures(request.via, len(goal))[:, order]
             control.joints.check(goal)
-            return PostureMotion(control.joints, np.vstack([ways, goal]),
-                                 request.speed or MOVING_SPEED)
+            postures = np.vstack([ways, goal])
+            control.controller.check_way(postures)
+            return PostureMotion(control.joints, postures, request.speed or MOVING_SPEED)
         await self._make(handle, result, plan, lambda motion: MoveJoints.Feedback(
             remaining=motion.remaining))
         return result
