@@ -213,9 +213,8 @@ class ImpedanceController:
     @property
     def only_goes_on(self) -> bool:
         """Whether no setting or posture changes: then a kernel can make the next tick."""
-        return not (self._next is not None or self._next_scene is not None or self._refills
-                    or self.posture.changes
-                    or self.memory.scalars.law != TOOL_SPRING)
+        asked = self._next is not None or self._next_scene is not None or self._refills
+        return not (asked or self.posture.changes or self.memory.scalars.law != TOOL_SPRING)
 
     def catch_up(self) -> None:
         """Know where the robot is, after ticks that a kernel has made."""
@@ -401,9 +400,9 @@ class ImpedanceController:
 
     def _take_settings(self) -> None:
         settings, self._next = self._next, None
-        if self._next_scene is not None:
-            self._take_scene(self._next_scene)
-            self._next_scene = None
+        scene, self._next_scene = self._next_scene, None
+        if scene is not None:
+            self._take_scene(scene)
         if self._refills:
             self._refills = False
             self.tank.fill()

@@ -246,7 +246,7 @@ def _push(arm):
                arm.nearness, arm.push)
     s = arm.scalars
     s.left = push_away(arm.frames, arm.axes, arm.position, arm.velocity, arm.capsules,
-                       arm.volumes, s.seen, s.dt, arm.depth, arm.push)
+                       arm.volumes, s.dt, arm.depth, arm.push)
     left = min(s.slowed, s.left) if records_at(
         arm.limits, 0, 1, LIMIT_NUMBERS)[0].retreat_speed == 0.0 else 1.0
     if left < 1.0:

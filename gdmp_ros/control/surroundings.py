@@ -42,18 +42,20 @@ _ENDS = 0.1
 @kernel
 def move_volumes(volumes, seen, dt):
     """
-    Let volumes go on as they move.
+    Let volumes go on as they move; those that were not seen again stand where they were.
 
     :param seen: how long ago they were seen [s]
     """
-    if seen > LAST_SEEN_S:
-        return
     turn = local_numbers(3)
     for v in range(volumes.shape[0]):
         moves = 0.0
         for i in range(6):
             moves += abs(volumes[v, TWIST + i])
         if volumes[v, THERE] == 0.0 or moves == 0.0:
+            continue
+        if seen > LAST_SEEN_S:
+            for i in range(6):
+                volumes[v, TWIST + i] = 0.0
             continue
         for i in range(3):
             volumes[v, POSE + i] += dt * volumes[v, TWIST + i]
@@ -194,7 +196,7 @@ def surroundings_rows(frames, axes, position, capsules, volumes, deceleration, f
 
 
 @kernel
-def push_away(frames, axes, position, velocity, capsules, volumes, seen, dt, relief, torque):
+def push_away(frames, axes, position, velocity, capsules, volumes, dt, relief, torque):
     """
     Add the torque that pushes links away from volumes that are too near: a potential of the depth.
 
@@ -202,7 +204,6 @@ def push_away(frames, axes, position, velocity, capsules, volumes, seen, dt, rel
 
     :param position: of the joints, measured [rad]
     :param velocity: of the joints, measured [rad/s]
-    :param seen: how long ago the volumes were seen [s]
     :param relief: depth of each volume and link inside the margin that does not act [m], shape
         (volumes, capsules); changed
     """
@@ -229,7 +230,7 @@ def push_away(frames, axes, position, velocity, capsules, volumes, seen, dt, rel
             deep = max(volume[MARGIN] + SLACK - distance + capsule[7], 0.0)
             for i in range(3):
                 point[i] = ends[2 * c, i] + t * (ends[2 * c + 1, i] - ends[2 * c, i])
-            coming = _coming(volume, point, way) if seen <= LAST_SEEN_S else 0.0
+            coming = _coming(volume, point, way)
             share = min(share, _share_beside(distance - capsule[7], volume[MARGIN], coming))
             relief[v, c] = min(relief[v, c] + dt * coming, deep)
             if deep <= relief[v, c]:

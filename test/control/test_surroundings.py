@@ -9,6 +9,7 @@ from gdmp_ros.control.limit_rows import approach
 from gdmp_ros.control.settings import ControllerSettings, LimitSettings
 from gdmp_ros.control.surroundings import (
     depths,
+    LAST_SEEN_S,
     MOST_ROWS,
     push_away,
     SLACK,
@@ -96,7 +97,7 @@ def test_only_what_the_arm_does_pushes_it_back():
 
     def push(posture, relief):
         torque = np.zeros(n)
-        push_away(*arm.chain, posture, np.zeros(n), arm.shape.capsules, packed, 0.0, 1e-3, relief,
+        push_away(*arm.chain, posture, np.zeros(n), arm.shape.capsules, packed, 1e-3, relief,
                   torque)
         return torque
     assert not push(arm.home, deep.copy()).any()
@@ -166,3 +167,17 @@ def test_it_goes_away_from_what_comes_if_it_may():
         [start[:3] + [0.0, 0.4, 0.0], [1.0, 0.0, 0.0, 0.0]]), np.array([0.0, -0.1, 0.0, 0, 0, 0]))
     assert follow(references, ball, 0.0).contacts
     assert follow(references, ball, 0.3).contacts == ()
+
+
+def test_what_is_not_seen_again_stands_where_it_was():
+    loop = blocked_loop()
+    start = loop.arm.measure().pose
+    far = start[:3] + [0.0, 0.8, 0.0]
+    ball = Volume('ball', 'sphere', (0.05,), np.concatenate([far, [1.0, 0.0, 0.0, 0.0]]),
+                  np.array([0.0, -0.4, 0.0, 0.0, 0.0, 0.0]))
+    loop.controller.surround(Scene([ball], MARGIN))
+    for _ in range(1000):
+        loop.tick()
+    row = loop.controller.memory.volumes[0]
+    assert row[5] == pytest.approx(far[1] - 0.4 * LAST_SEEN_S, abs=2e-3)
+    assert not row[11:17].any() and loop.controller.scale == 1.0
