@@ -121,6 +121,13 @@ def test_nothing_near_elbow_or_wrist_is_touched_by_the_arm(speed):
     assert speed or sum(trial.off < 0.01 for trial in trials) >= 3
 
 
+def test_a_soft_arm_stands_before_what_comes_touches_it():
+    """Its reference stands in time; without a brake the links go on, with 0.05 m/s."""
+    rng = np.random.default_rng(list(b'coming'))
+    trial = arm_trial(rng, float(rng.uniform(0.05, 0.3)))
+    assert trial.contacts and max(trial.contacts) < 0.02
+
+
 def test_an_arm_at_rest_stays_as_it_is_beside_something(rng):
     assert all(one.holds for one in at_rest(rng, 2))
 
