@@ -11,7 +11,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d
+from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.skill import Skill
@@ -24,6 +24,8 @@ SAMPLES, MARGINS = 401, (2.0, 1.6)
 #: The way leaves the plain path this share of its samples before what is in the way, and the
 #: widths with which its corners are rounded.
 LEAD, WIDTHS = 0.06, (0.03, 0.015, 0.006, 0.0)
+#: Share of the path within which the tempo changes.
+EARLIER = 0.05
 #: Least number of basis functions of what is learned.
 LEAST_BASIS = 120
 
@@ -85,7 +87,7 @@ def detour(skill: Skill, scene: Scene, tool: Tool, lowest: float = 0.0) -> Detou
         if way is None:
             continue
         for width in WIDTHS:
-            changed, longer = _learned(skill, path, way, width, names)
+            changed, longer = _learned(skill, path, _rounded(path, way, width, fixed), names)
             found = _sampled(changed)
             least = float(clearances(volumes, tool, found.positions, found.turns)[0].min())
             if least > 0.0:
@@ -179,19 +181,27 @@ def _lengths(positions: np.ndarray) -> np.ndarray:
     return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(positions, axis=0), axis=1))])
 
 
-def _learned(skill: Skill, path: _Path, way: np.ndarray, width: float, names: tuple[str, ...]
+def _rounded(path: _Path, way: np.ndarray, width: float, fixed: list[int]) -> np.ndarray:
+    """Round the corners of a way, but leave samples that stay where they are."""
+    if not width:
+        return way
+    change = gaussian_filter1d(way - path.positions, width * SAMPLES, axis=0, mode='constant')
+    for k in fixed:
+        away = (np.arange(SAMPLES) - k) / (width * SAMPLES)
+        change *= -np.expm1(-0.5 * away ** 2)[:, None]
+    return path.positions + change
+
+
+def _learned(skill: Skill, path: _Path, positions: np.ndarray, names: tuple[str, ...]
              ) -> tuple[Skill, float]:
-    """Learn the skill along a way whose corners are rounded."""
-    change = way - path.positions
-    if width:
-        change = gaussian_filter1d(change, width * SAMPLES, axis=0, mode='constant')
-    positions = path.positions + change
+    """Learn the skill along other positions."""
     plain, new = np.diff(_lengths(path.positions)), np.diff(_lengths(positions))
     # Where the plain path stands, or nearly, the time stays.
-    usual = plain.max() * 0.02
+    usual = plain.max() * 0.1
     slower = np.maximum((new + usual) / (plain + usual), 1.0)
-    # A tempo that jumps would be an acceleration.
-    slower = gaussian_filter1d(slower, 0.02 * SAMPLES, mode='nearest')
+    # A tempo that jumps would be an acceleration; nowhere is the tool faster than before.
+    slower = maximum_filter1d(slower, round(EARLIER * SAMPLES), mode='nearest')
+    slower = gaussian_filter1d(slower, 0.25 * EARLIER * SAMPLES, mode='nearest')
     times = np.concatenate([[0.0], np.cumsum(slower * np.diff(path.times))])
     points = path.points.copy()
     points[:, _part(skill, 'position')] = positions
