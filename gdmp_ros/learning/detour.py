@@ -189,7 +189,7 @@ def _rounded(path: _Path, way: np.ndarray, width: float, fixed: list[int]) -> np
     for k in fixed:
         away = (np.arange(SAMPLES) - k) / (width * SAMPLES)
         change *= -np.expm1(-0.5 * away ** 2)[:, None]
-    return path.positions + change
+    return np.asarray(path.positions + change)
 
 
 def _learned(skill: Skill, path: _Path, positions: np.ndarray, names: tuple[str, ...]
