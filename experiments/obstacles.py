@@ -179,13 +179,17 @@ def follow(references: np.ndarray, volume: Volume, retreat: float) -> Trial:
                  float(np.linalg.norm(pose[:3] - references[-1, POSE:POSE + 3])))
 
 
+def _book(trials: list[Trial]) -> Found:
+    return Found('what the tank has, less what it believes [J]',
+                 min(one.energy for one in trials), -0.01, True)
+
+
 def standing(rng: np.random.Generator, count: int) -> list[Found]:
     """Something stands near the path of elbow or wrist."""
     trials = [arm_trial(rng, 0.0) for _ in range(count)]
     return [Found('trials with a contact', sum(bool(one.contacts) for one in trials), 0.0),
             Found('least distance [m]', min(one.least for one in trials), 0.0, True),
-            Found('what the tank has, less what it believes [J]', min(one.energy for one in trials), -0.01,
-                  True),
+            _book(trials),
             Found('trials that do not come home', sum(one.off > 0.01 for one in trials),
                   0.02 * count)]
 
@@ -195,8 +199,7 @@ def coming(rng: np.random.Generator, count: int) -> list[Found]:
     trials = [arm_trial(rng, float(rng.uniform(0.05, 0.3))) for _ in range(count)]
     speeds = [speed for one in trials for speed in one.contacts]
     return [Found('speed of a link when it is touched [m/s]', max(speeds, default=0.0), 0.02),
-            Found('what the tank has, less what it believes [J]', min(one.energy for one in trials), -0.01,
-                  True)]
+            _book(trials)]
 
 
 class ToolTrial(NamedTuple):

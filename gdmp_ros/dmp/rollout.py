@@ -313,12 +313,12 @@ class Rollout:
         """
         self.motion.scalars.slowdown = 1.0 / (1.0 + self._options.phase_stopping * error)
 
-    def set_obstacles(self, obstacles: np.ndarray | Scene, gain: float = 1000.0,
+    def set_obstacles(self, positions: np.ndarray | Scene, gain: float = 1000.0,
                       reach: float = 0.2, bound: float = 5.0, keep: float = 0.0) -> None:
         """
         Avoid obstacles with the first Euclidean factor from now on; none ends it.
 
-        :param obstacles: points, shape ``(count, size of the factor)`` [m], or a scene, whose
+        :param positions: points, shape ``(count, size of the factor)`` [m], or a scene, whose
             margins are kept as far as ``bound`` allows it
         :param gain: strength of the avoidance: a larger one keeps a larger distance
         :param reach: obstacles further away are ignored [m]
@@ -327,7 +327,7 @@ class Rollout:
         :raises ParameterError: without such a factor of size 2 or 3, or for too many obstacles
         """
         self.skill.check_plain('obstacles')
-        store_obstacles(self.motion, obstacles, gain, reach, bound, keep)
+        store_obstacles(self.motion, positions, gain, reach, bound, keep)
 
     @property
     def speed(self) -> float:

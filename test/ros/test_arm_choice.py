@@ -23,7 +23,7 @@ def test_an_arm_that_takes_positions_has_a_robot_in_front_of_it():
     assert (arm.node, arm.robots, arm.frame) == (POSITION, (SERVO_SIM,), 'base_link')
     assert len(arm.limits.torque) == 6
     # What hangs at its sensor is known.
-    assert arm.parameters()['payload_mass'] == pytest.approx(0.76)
+    assert arm.parameters()['payload_mass'] == pytest.approx(1.0)
     assert arm.server_parameters()['reach_model'] == 'ur5e'
     # A simulated arm like it is guided by hand.
     assert arm.shown_on == {'model': 'ur5e', 'frame_id': 'base_link'}
