@@ -53,6 +53,8 @@ ANYWHERE = GuardSettings(jump_position=10.0, jump_rotation=10.0, arming_position
                          arming_rotation=10.0, arming_speed=100.0, arming_angular_speed=100.0)
 #: What friction that is not quite compensated may do at the tool [N].
 SLACK_N = 5.0
+#: How exactly the delay of an arm is measured [s].
+DELAY_S = 1e-3
 #: A target counts as reached within these distances of the governed reference [m, rad].
 REACHED = (0.002, 0.01)
 #: A tank may be empty, but for what a tick and a delay leave open [J].
@@ -648,7 +650,7 @@ def position_arm_limits(plant: str, rng: np.random.Generator, count: int) -> lis
     return [Found('joint positions beyond their limits [rad]', beyond, 0.0),
             # What is sent ahead of the arm comes on top.
             Found('joint speed, of the largest', fast,
-                  1.0 + AHEAD_ACCELERATION * loop.driver.delay / float(fastest.min())),
+                  1.0 + AHEAD_ACCELERATION * (loop.driver.delay + DELAY_S) / float(fastest.min())),
             Found('distance of parts of the arm [m]', near, 0.5 * KEEP, True),
             Found('places that are not reached, and no limit is named', unnamed, 0),
             Found('ways home that are not', lost, 0)]
