@@ -16,7 +16,7 @@ from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError
-from gdmp_ros.scene.route import clearances, Grid, tight, Tool
+from gdmp_ros.scene.route import clearances, Grid, lengths_of, points_at, tight, Tool
 from gdmp_ros.scene.scene import Scene
 
 #: Samples of a path; margins that are tried, the first that leaves a way is taken.
@@ -145,11 +145,9 @@ def _way(path: _Path, volumes: np.ndarray, tool: Tool, margins: float, lowest: f
         found = np.vstack([path.positions[first], found, path.positions[last]])
         found = tight(volumes, tool, found, middle, margins)
         # As far along the way as along the plain path.
-        along = _lengths(path.positions[first:last + 1])
+        along = lengths_of(path.positions[first:last + 1])
         share = along / along[-1] if along[-1] > 1e-3 else np.linspace(0.0, 1.0, len(along))
-        lengths = _lengths(found)
-        for i in range(3):
-            result[first:last + 1, i] = np.interp(share * lengths[-1], lengths, found[:, i])
+        result[first:last + 1] = points_at(found, share)
     return result
 
 
@@ -177,10 +175,6 @@ def _parts_to_lead(path: _Path, volumes: np.ndarray, tool: Tool, free: np.ndarra
     return parts
 
 
-def _lengths(positions: np.ndarray) -> np.ndarray:
-    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(positions, axis=0), axis=1))])
-
-
 def _rounded(path: _Path, way: np.ndarray, width: float, fixed: list[int]) -> np.ndarray:
     """Round the corners of a way, but leave samples that stay where they are."""
     if not width:
@@ -195,7 +189,7 @@ def _rounded(path: _Path, way: np.ndarray, width: float, fixed: list[int]) -> np
 def _learned(skill: Skill, path: _Path, positions: np.ndarray, names: tuple[str, ...]
              ) -> tuple[Skill, float]:
     """Learn the skill along other positions."""
-    plain, new = np.diff(_lengths(path.positions)), np.diff(_lengths(positions))
+    plain, new = np.diff(lengths_of(path.positions)), np.diff(lengths_of(positions))
     # Where the plain path stands, or nearly, the time stays.
     usual = plain.max() * 0.1
     slower = np.maximum((new + usual) / (plain + usual), 1.0)

@@ -112,7 +112,7 @@ class Grid:
         return int(np.ravel_multi_index(tuple(at[k]), self.shape))
 
     def shortest(self, start: np.ndarray, goal: np.ndarray) -> np.ndarray | None:
-        """Return the shortest way from cell to cell, shape (n, 3); None if there is none."""
+        """Return the shortest way through free cells, shape (n, 3); None without one."""
         first, last = self.index(start), self.index(goal)
         if first < 0 or last < 0:
             return None
@@ -166,8 +166,22 @@ def tight(volumes: np.ndarray, tool: Tool, way: np.ndarray, turn: np.ndarray, ma
 
 
 def _resampled(way: np.ndarray, count: int) -> np.ndarray:
-    lengths = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(way, axis=0), axis=1))])
+    return points_at(way, np.linspace(0.0, 1.0, count))
+
+
+def lengths_of(way: np.ndarray) -> np.ndarray:
+    """Length of a way up to each of its points [m], shape (n,)."""
+    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(way, axis=0), axis=1))])
+
+
+def points_at(way: np.ndarray, shares: np.ndarray) -> np.ndarray:
+    """
+    Return the points of a way at shares of its length, shape (n, 3) [m].
+
+    :param way: positions, shape (m, 3) [m]
+    """
+    lengths = lengths_of(way)
     if lengths[-1] == 0.0:
-        return np.repeat(way[:1], count, axis=0)
-    at = np.linspace(0.0, lengths[-1], count)
-    return np.column_stack([np.interp(at, lengths, way[:, i]) for i in range(3)])
+        return np.repeat(way[:1], len(shares), axis=0)
+    return np.column_stack([np.interp(shares * lengths[-1], lengths, way[:, i])
+                            for i in range(3)])

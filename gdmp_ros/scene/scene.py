@@ -15,7 +15,7 @@ from gdmp_ros.util.numeric import numbers
 
 #: Larger files are refused [bytes].
 MAX_BYTES = 1_000_000
-_KEYS = {'name', 'kind', 'size', 'pose', 'position', 'margin', 'allowed', 'frame'}
+_KEYS = {'name', 'kind', 'size', 'pose', 'position', 'margin', 'allowed'}
 _STILL = [1.0, 0.0, 0.0, 0.0]
 
 
@@ -86,13 +86,8 @@ class Scene:
         Numbers for kernels, shape (m, `VOLUME_SIZE`).
 
         :param links: the bits of the links of the arm, which volumes may allow to touch them
-        :raises DataError: if a volume allows a link that the arm does not have, or is in a frame
-            that was not resolved
+        :raises DataError: if a volume allows a link that the arm does not have
         """
-        for volume in self:
-            if volume.frame:
-                raise DataError(f'volume {volume.name!r} is in the frame {volume.frame!r}, which '
-                                'is not known here')
         rows = [volume.packed(self.margin, dict(links or {})) for volume in self]
         return np.array(rows).reshape(-1, VOLUME_SIZE)
 
@@ -145,4 +140,4 @@ def _volume(number: int, given: Any) -> Volume:
     if margin is not None and (isinstance(margin, bool) or not isinstance(margin, (int, float))):
         raise DataError(f'volume {name!r}: margin: expected a number, got {margin!r}')
     return Volume(name, str(kind), tuple(size.ravel()), pose, margin=margin,
-                  allowed=tuple(allowed), frame=str(given.get('frame', '')))
+                  allowed=tuple(allowed))

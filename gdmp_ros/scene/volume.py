@@ -9,7 +9,6 @@ around it.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-import math
 from typing import Any
 
 import numpy as np
@@ -26,12 +25,12 @@ ENDLESS = 50.0
 #: Larger numbers are refused [m].
 LARGEST = 1e3
 #: Layout of a packed volume: half edges, radius, pose, twist, margin, links that may touch it (a
-#: bit each), and a number that is 0 where there is none.
+#: bit each), and whether the row is used: 1 or 0.
 HALF, RADIUS, POSE, TWIST, MARGIN, ALLOWED, THERE = 0, 3, 4, 11, 17, 18, 19
 VOLUME_SIZE = 20
 #: Most volumes at a time.
 CAPACITY = 32
-#: Distance that is kept from a volume that has no margin of its own [m].
+#: Margin of a scene, if nothing else is said [m].
 DEFAULT_MARGIN = 0.02
 
 
@@ -47,11 +46,10 @@ class Volume:
     :ivar name: unique in a scene
     :ivar kind: one of `KINDS`
     :ivar size: see `KINDS` [m]
-    :ivar pose: of its centre (x, y, z, qw, qx, qy, qz); of a plane: of a point of it
+    :ivar pose: of its centre (x, y, z, qw, qx, qy, qz), of a plane: of a point of it; in the base
     :ivar twist: how it moves, linear and angular, in the frame of the pose [m/s, rad/s]
     :ivar margin: distance to keep [m]; None: that of the scene
     :ivar allowed: links of the arm that may touch it
-    :ivar frame: in which the pose is given; empty: that of the arm's base
     """
 
     name: str
@@ -61,7 +59,6 @@ class Volume:
     twist: np.ndarray = field(default_factory=_still)
     margin: float | None = None
     allowed: tuple[str, ...] = ()
-    frame: str = ''
 
     def __post_init__(self) -> None:
         where = f'volume {self.name!r}'
@@ -152,8 +149,3 @@ def box_around(name: str, points: Any, **others: Any) -> Volume:
     size = np.maximum(high - low, 1e-4)
     return Volume(name, 'box', tuple(size), np.array([*(0.5 * (low + high)), 1.0, 0.0, 0.0, 0.0]),
                   **others)
-
-
-def around(volume: Volume) -> float:
-    """Radius of the sphere around a volume [m]."""
-    return math.hypot(*volume.half) + volume.radius

@@ -75,9 +75,7 @@ class VolumeBodies:
 
     def put(self, volume: Volume) -> None:
         """Put a volume where it is now."""
-        mocap = self._arm.model.body(volume.name).mocapid[0]
-        self._arm.data.mocap_pos[mocap] = volume.centre[:3]
-        self._arm.data.mocap_quat[mocap] = volume.centre[3:]
+        follow_scene(self._arm, Scene([volume]))
 
     def least(self) -> float:
         """Least distance of a link from a volume [m], at most `FAR`."""

@@ -223,7 +223,7 @@ def test_a_sequence_that_cannot_be_executed_is_refused_with_the_reason(running, 
 
 
 def test_the_files_of_a_sequence_need_not_be_where_the_server_is(running, folder, monkeypatch):
-    """A relative name is none in the folder of the server."""
+    """The server has no file of this relative name in its folder."""
     monkeypatch.chdir(folder)
     running.client.execute_sequence('sequence.yaml', 6)
     result = running.client.result(20.0)
