@@ -97,6 +97,7 @@ def compile_motion() -> None:
     from gdmp_ros.playback.prediction import prediction
     from gdmp_ros.playback.rehearsal import rehearse
     from gdmp_ros.playback.settings import PlayerSettings
+    from gdmp_ros.scene.points import PointMap
     skill = learned('polish')
     rollout = Rollout(skill)
     rollout.advance(0.01)
@@ -109,6 +110,9 @@ def compile_motion() -> None:
     player.start(skill.start[:7])
     player.tick(0.001)
     rehearse(skill, PlayerSettings())
+    cloud = PointMap(0.2, 0.1)
+    cloud.see(np.full((1, 3), 0.1), IDENTITY)
+    cloud.volumes(1)
 
 
 def compile_control() -> None:

@@ -16,7 +16,7 @@ from gdmp_ros.control.limits import LimitCounters
 from gdmp_ros.control.measurement import JointLimits, Measurement, Tick
 from gdmp_ros.control.memory import FREE, JOINT_MOTION, JOINT_SPRINGS, TOOL_SPRING
 from gdmp_ros.control.modes import ArmMode
-from gdmp_ros.control.own_body import Body, clearances, KEEP, NO_BODY
+from gdmp_ros.control.own_body import Body, carried_capsules, clearances, KEEP, LOAD, NO_BODY, placed
 from gdmp_ros.control.posture import Posture
 from gdmp_ros.control.reference_kinds import MeasuredMotion
 from gdmp_ros.control.settings import ControllerSettings
@@ -27,7 +27,7 @@ from gdmp_ros.control.tank import EnergyTank
 from gdmp_ros.control.target import POSE, STIFFNESS, WRENCH
 from gdmp_ros.control.torque_limits import outside_of, relief_of, SPEED_MARGIN
 from gdmp_ros.control.weight import GRAVITY, moments_of
-from gdmp_ros.errors import ParameterError
+from gdmp_ros.errors import DataError, ParameterError
 from gdmp_ros.manifolds.linalg import is_finite
 from gdmp_ros.scene.scene import Scene
 from gdmp_ros.util.settings import numbers
@@ -77,7 +77,7 @@ class ImpedanceController:
         settings = settings or ControllerSettings()
         self.states, self.posture = states or ArmStates(), Posture(joints)
         self._joints, self._model_friction, self._chain = joints, friction, chain
-        self._body = body
+        body = body.with_load()
         self._next: ControllerSettings | None = None
         self._next_scene: Scene | None = None
         self.scene = Scene()
@@ -87,6 +87,8 @@ class ImpedanceController:
         self.memory.scalars.cycle = joints.cycle
         self.memory.frames[:], self.memory.axes[:] = chain
         self.memory.capsules[:], self.memory.pairs[:] = body.capsules, body.pairs
+        self.memory.scalars.permitted = self.memory.scalars.allowed = 1.0
+        self._body, self._held = body._replace(capsules=self.memory.capsules), ''
         self.counters = LimitCounters(self.memory.counts, self.memory.recent)
         self.tank = EnergyTank(self.memory, settings.tank)
         self.check(settings)
@@ -122,7 +124,30 @@ class ImpedanceController:
         """
         scene = scene.copy()
         scene.packed(self._body.bits)
+        if len(scene.carried) > LOAD:
+            raise DataError(f'what the arm carries takes {len(scene.carried)} capsules, expected '
+                            f'at most {LOAD}')
         self._next_scene = scene
+
+    def hold_back(self, reason: str) -> None:
+        """
+        Let references make no way, as long as there is a reason; they go on when it is empty.
+
+        :param reason: why
+        """
+        self._held = reason
+        self.memory.scalars.permitted = 0.0 if reason else 1.0
+
+    def capsules(self, age: float) -> np.ndarray:
+        """
+        Where the arm is, and where it was; see `gdmp_ros.control.own_body.placed`.
+
+        :param age: how long ago [s]
+        """
+        arm = self.memory
+        now, before = arm.position.copy(), arm.position - age * arm.velocity
+        return np.vstack([placed(self._chain, self._body, position) for position in
+                          (now, 0.5 * (now + before), before)])
 
     def check_way(self, postures: np.ndarray) -> None:
         """
@@ -161,7 +186,7 @@ class ImpedanceController:
         :param end: where the tool is in the frame of the last joint
         """
         arm, settings = self.memory, self.settings
-        arm.end[:] = end
+        self._put_end(end)
         self.posture.hold(measured.position)
         self.posture.use(settings.posture)
         arm.last[:] = np.clip(measured.bias, -arm.largest, arm.largest)
@@ -268,7 +293,7 @@ class ImpedanceController:
         pose = arm.reference[POSE:POSE + 7]
         stored = stored_energy(before, arm.reference, arm.gains)
         wanted = moved_with_tool(arm.reference, before, after, arm.gains)
-        arm.end[:] = end
+        self._put_end(end)
         arm.governed[:] = self._chain.near(wanted, arm.governed, end)
         pose[:] = self._chain.pose_at(arm.governed, end)
         if not stored_energy(after, arm.reference, arm.gains) - stored <= self.tank.energy:
@@ -315,6 +340,8 @@ class ImpedanceController:
         scalars = self.memory.scalars
         if scalars.blocked < BLOCKED_S:
             return ''
+        if self._held:
+            return self._held
         return ('what holds the tool' if scalars.blocking < 0.0 else
                 row_name(int(scalars.blocking), len(self._joints.torque), self._body.names,
                          self._body.links, self.scene.names))
@@ -330,8 +357,9 @@ class ImpedanceController:
 
     @property
     def scale(self) -> float:
-        """Share of the speed that is left beside what comes nearer."""
-        return float(self.memory.scalars.slowed) if len(self.scene) else 1.0
+        """Share of the speed that is left, beside what comes nearer or is not known any more."""
+        scalars = self.memory.scalars
+        return float(min(scalars.slowed if len(self.scene) else 1.0, scalars.allowed))
 
     @property
     def reference(self) -> np.ndarray:
@@ -422,9 +450,11 @@ class ImpedanceController:
     def _take_scene(self, scene: Scene) -> None:
         arm, before = self.memory, {name: k for k, name in enumerate(self.scene.names)}
         rows = scene.packed(self._body.bits)
+        known = self._depths(arm.position, arm.volumes[:len(before)])
+        self.scene = scene
+        self._put_end(arm.end)
         deep = self._depths(arm.position, rows)
         acts = np.zeros_like(deep)  # how much of the depth acts at present
-        known = self._depths(arm.position, arm.volumes[:len(before)])
         for k, name in enumerate(scene.names):
             if name in before:
                 at = before[name]
@@ -433,7 +463,12 @@ class ImpedanceController:
         arm.volumes[:len(rows)] = rows
         arm.depth[:len(rows)] = np.maximum(np.maximum(deep, 0.0) - acts, 0.0)
         arm.scalars.seen = 0.0
-        self.scene = scene
+
+    def _put_end(self, end: np.ndarray) -> None:
+        """Put the tool, and what it carries, where they are in the frame of the last joint."""
+        self.memory.end[:] = end
+        carried_capsules(self.scene.carried, self.memory.end, len(self.memory.position),
+                         self.memory.capsules)
 
     def _depths(self, position: np.ndarray, volumes: np.ndarray) -> np.ndarray:
         """How deep each link is where the barrier of each volume acts [m]."""

@@ -58,6 +58,8 @@ RETURN_S, RETURN_DISTANCE, RETURN_ANGLE = 0.2, 0.01, 0.05
 #: The reference makes no way if it has less than this share of the velocity that is asked, as a
 #: mean over this time [s], while it is this far from its target [m], or one joint is [rad].
 NO_WAY, WAY_S, OFF_TARGET, OFF_JOINTS = 0.05, 0.05, 0.002, 0.01
+#: References that may make no way stand after this time [s], and go on as fast.
+HELD_IN_S = 0.3
 #: Part of the tool's speed limit that joints may ask for: before the limit the tool is braked.
 TOOL_SPEED_SHARE = 0.9
 #: While joints go there, they keep this share of their speed even if the reference moves away
@@ -118,6 +120,8 @@ def _collect_rows(arm, position, pose, jacobian, singular, rows, bounds, ids):
         bounds, ids, count)
     if limits.retreat_speed == 0.0:
         arm.scalars.slowed = min(arm.scalars.slowed, arm.scalars.left)
+    step = arm.scalars.dt / HELD_IN_S
+    arm.scalars.allowed += min(max(arm.scalars.permitted - arm.scalars.allowed, -step), step)
     return count, value
 
 
@@ -174,7 +178,7 @@ def _move_joints(numbers, jacobian, twist, violation):
         held = max(LEAST_SHARE,
                    _share_that_keeps_error(arm.pose, arm.reference, arm.gains, twist))
     # At rest the norms are 0.
-    share = min(arm.scalars.slowed, held * fastest / max(norm(3, twist[:3]), 1e-9),
+    share = min(arm.scalars.slowed, arm.scalars.allowed, held * fastest / max(norm(3, twist[:3]), 1e-9),
                 held * fastest_turn / max(norm(3, twist[3:]), 1e-9))
     for i in range(n):
         excess = abs(rates[i]) - arm.joint_limits[2, i]
@@ -224,7 +228,8 @@ def keep_joints_inside(numbers, asked, rates):
         for i in range(n):
             moving[j] += jacobian[j, i] * kept[i]
     fastest = min(limits.speed, TOOL_SPEED_SHARE * limits.tool_speed)
-    share, away, changed = min(s.slowed, fastest / max(norm(3, moving), 1e-9)), 0.0, False
+    share = min(s.slowed, s.allowed, fastest / max(norm(3, moving), 1e-9))
+    away, changed = 0.0, False
     for i in range(n):
         kept[i] *= share
         changed = changed or abs(kept[i] - rates[i]) > 1e-12

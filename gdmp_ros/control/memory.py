@@ -55,7 +55,8 @@ SCALARS = np.dtype([(name, np.float64) for name in (
     'clearance',         # least distance of a link of the reference from a volume [m]
     'nearest',           # which: volume times capsules plus capsule, or -1
     'slowed',            # share of the speed that is left beside volumes that come
-    'left')])            # the same, where the arm was measured in the last tick
+    'left',              # the same, where the arm was measured in the last tick
+    'permitted', 'allowed')])  # 0: references make no way; and the share of the speed meanwhile
 _SIZES, _SCALARS, _TANK = (dtype.itemsize // 8 for dtype in (SIZES, SCALARS, TANK_NUMBERS))
 _GAINS, _LIMITS = GAIN_NUMBERS.itemsize // 8, LIMIT_NUMBERS.itemsize // 8
 _LIMIT_COUNT = len(LIMITS)

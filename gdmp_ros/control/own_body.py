@@ -17,9 +17,10 @@ from gdmp_ros.control.limit_rows import approach, LAST_S
 from gdmp_ros.kernels import kernel, local_matrix, local_numbers, noinline
 from gdmp_ros.manifolds.linalg import norm
 from gdmp_ros.manifolds.quaternion import rotate
+from gdmp_ros.scene.volume import CARRIED
 
-#: Numbers of a capsule.
-CAPSULE_SIZE = 9
+#: Numbers of a capsule, and how many there are for what the arm carries.
+CAPSULE_SIZE, LOAD = 9, 8
 #: Distance that the parts of an arm keep from each other [m].
 KEEP = 0.02
 #: Force between parts that touch [N], and the speed of an approach at which it is doubled [m/s].
@@ -47,9 +48,38 @@ class Body(NamedTuple):
         """The bit of each link."""
         return {name: int(row[8]) for name, row in zip(self.links, self.capsules)}
 
+    def with_load(self) -> Body:
+        """
+        Return it with `LOAD` capsules for what the arm carries, which hold nothing yet.
+
+        They are kept away from what is around the arm, not from its own links.
+        """
+        rows = np.zeros((LOAD, CAPSULE_SIZE))
+        rows[:, 8] = 2.0 ** min(len(self.bits), 51)
+        return self._replace(capsules=np.vstack([self.capsules, rows]),
+                             links=(*self.links, *(CARRIED,) * LOAD))
+
 
 #: An arm without a shape.
 NO_BODY = Body(np.zeros((0, CAPSULE_SIZE)), np.zeros((0, 2)), ())
+
+
+def carried_capsules(carried: np.ndarray, end: np.ndarray, joints: int,
+                     capsules: np.ndarray) -> None:
+    """
+    Write the last `LOAD` capsules of a body that has them (`Body.with_load`).
+
+    :param carried: `gdmp_ros.scene.scene.Scene.carried`
+    :param end: pose of the tool in the frame of the last joint
+    :param joints: of the arm
+    """
+    rows = capsules[-LOAD:]
+    rows[:, :8] = 0.0
+    for row, given in zip(rows, carried):
+        row[0], row[7] = joints, given[6]
+        for first in (0, 3):
+            rotate(end[3:], given[first:first + 3], row[1 + first:4 + first])
+            row[1 + first:4 + first] += end[:3]
 
 
 @kernel
@@ -219,6 +249,18 @@ def push_apart(frames, axes, position, velocity, capsules, pairs, relief, torque
         force = PUSH / KEEP * (deep - relief[p]) * (1.0 + max(closing, 0.0) / DOUBLED)
         for i in range(n):
             torque[i] -= force * row[i]
+
+
+def placed(chain: Chain, body: Body, position: np.ndarray) -> np.ndarray:
+    """
+    Capsules in the frame of the base: ends of the axis and radius [m], shape (m, 7).
+
+    :param position: of the joints [rad]
+    """
+    n, m = len(position), len(body.capsules)
+    ends = np.empty((2 * m, 3))
+    place_capsules(*chain, position, body.capsules, np.empty((n + 1, 7)), np.empty((n, 3)), ends)
+    return np.hstack([ends.reshape(m, 6), body.capsules[:, 7:8]])
 
 
 def clearances(chain: Chain, body: Body, position: np.ndarray) -> np.ndarray:

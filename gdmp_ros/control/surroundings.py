@@ -17,8 +17,8 @@ from gdmp_ros.control.limit_rows import approach, LAST_S
 from gdmp_ros.control.own_body import Body, DOUBLED, place_capsules
 from gdmp_ros.kernels import kernel, local_matrix, local_numbers, noinline
 from gdmp_ros.manifolds.quaternion import rotate_by_vector
-from gdmp_ros.scene.distance import point_distance, segment_distance
-from gdmp_ros.scene.volume import ALLOWED, HALF, MARGIN, POSE, RADIUS, THERE, TWIST
+from gdmp_ros.scene.distance import is_allowed, point_distance, segment_distance
+from gdmp_ros.scene.volume import HALF, MARGIN, POSE, RADIUS, THERE, TWIST
 
 #: Most rows of volumes at a time; those with the smallest bounds stay.
 MOST_ROWS = 32
@@ -61,12 +61,6 @@ def move_volumes(volumes, seen, dt):
             volumes[v, POSE + i] += dt * volumes[v, TWIST + i]
             turn[i] = dt * volumes[v, TWIST + 3 + i]
         rotate_by_vector(volumes[v, POSE + 3:POSE + 7], turn, volumes[v, POSE + 3:POSE + 7])
-
-
-@kernel
-def _is_allowed(volume, capsule):
-    """Whether a link may touch a volume."""
-    return math.floor(volume[ALLOWED] / capsule[8]) % 2.0 == 1.0
 
 
 @kernel
@@ -166,7 +160,7 @@ def surroundings_rows(frames, axes, position, capsules, volumes, deceleration, f
         furthest = volume[MARGIN] + SLACK + reach + SLOWED_S * speed
         for c in range(m):
             capsule = capsules[c]
-            if capsule[0] == 0.0 or _is_allowed(volume, capsule) or _is_far(
+            if capsule[0] == 0.0 or is_allowed(volume, capsule[8]) or _is_far(
                     volume, capsule, ends[2 * c], ends[2 * c + 1], max(furthest, clearance)):
                 continue
             distance, t = segment_distance(volume, ends[2 * c], ends[2 * c + 1], way)
@@ -222,7 +216,7 @@ def push_away(frames, axes, position, velocity, capsules, volumes, dt, relief, t
         furthest = volume[MARGIN] + SLACK + SLOWED_S * speed
         for c in range(m):
             capsule = capsules[c]
-            if capsule[0] == 0.0 or _is_allowed(volume, capsule) or _is_far(
+            if capsule[0] == 0.0 or is_allowed(volume, capsule[8]) or _is_far(
                     volume, capsule, ends[2 * c], ends[2 * c + 1], furthest):
                 relief[v, c] = 0.0
                 continue
@@ -268,7 +262,7 @@ def _depths(frames, axes, position, capsules, volumes, result):
     for v in range(volumes.shape[0]):
         for c in range(m):
             if (volumes[v, THERE] == 0.0 or capsules[c, 0] == 0.0
-                    or _is_allowed(volumes[v], capsules[c])):
+                    or is_allowed(volumes[v], capsules[c, 8])):
                 result[v, c] = -math.inf
                 continue
             distance, _ = segment_distance(volumes[v], ends[2 * c], ends[2 * c + 1], way)

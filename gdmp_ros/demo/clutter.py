@@ -12,7 +12,7 @@ from gdmp_ros.control.surroundings import depths
 from gdmp_ros.data.runs import Run
 from gdmp_ros.realtime.loop import Loop, NS
 from gdmp_ros.ros.clients.testbed import NodeTestbed, SERVER
-from gdmp_ros.ros.scene import markers_of
+from gdmp_ros.ros.scene.messages import markers_of
 from gdmp_ros.scene.scene import Scene
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.scenes import CLUTTER, PUSHED

@@ -71,7 +71,7 @@ def detour(skill: Skill, scene: Scene, tool: Tool, lowest: float = 0.0) -> Detou
     if not leads_around(skill):
         raise DataError('only a skill with a position in three dimensions is led around '
                         'obstacles, not a rhythmic one, or one with task frames')
-    volumes = scene.packed()
+    volumes, tool = scene.packed(tool.bits), tool.carrying(scene.carried)
     path = _sampled(skill)
     left, which = clearances(volumes, tool, path.positions, path.turns)
     if left.min() > 0.0:

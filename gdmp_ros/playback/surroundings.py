@@ -37,7 +37,7 @@ class Surroundings:
         :raises BlockedError: if there is no way
         """
         self._known, self.around = self.scene.copy(), ()
-        if self.tool is None or not len(self.scene) or not leads_around(skill):
+        if self.tool is None or not len(self.scene.names) or not leads_around(skill):
             return skill
         changed = skill.between(start=start, goal=goal)
         found = detour(changed, self._known, self.tool)
@@ -46,12 +46,13 @@ class Surroundings:
 
     @property
     def moved(self) -> Scene:
-        """What has come or moved since the motion began."""
-        return Scene([volume for volume in self.scene
-                      if volume.name not in self._known
+        """What has come or moved since the motion began, and the tool may not touch."""
+        may = set() if self.tool is None else self.tool.links
+        return Scene([volume for volume in self.scene.around
+                      if not may.intersection(volume.allowed) and (volume.name not in self._known
                       or volume.kind != self._known[volume.name].kind
                       or np.abs(volume.pose[:3] - self._known[volume.name].pose[:3]).max()
-                      > MOVED_M], self.scene.margin)
+                      > MOVED_M)], self.scene.margin)
 
     @property
     def radius(self) -> float:

@@ -213,15 +213,26 @@ class BaseFrame:
     thread may use it.
     """
 
-    def __init__(self, node: ManagedNode, name: str):
-        """:param name: ``frame_id`` of the base"""
-        self.name = name
+    def __init__(self, node: ManagedNode, name: str, late: bool = False):
+        """
+        Subscribe.
+
+        :param name: ``frame_id`` of the base
+        :param late: subscribe when the first frame is looked up, which is not known then
+        """
+        self.name, self._node = name, node
         self._frames, self._wanted = new_frames(), False
         self._lock = threading.Lock()
+        self._inputs: list[tuple[Any, bool]] = []
+        self._unread: deque[tuple[bytes, bool]] = deque()
+        if not late:
+            self._subscribe()
+
+    def _subscribe(self) -> None:
+        node = self._node
         self._inputs = [
             (node.add_sensor(TFMessage, '/tf', DEPTH), False),
             (node.add_subscription(TFMessage, '/tf_static', None, DEPTH, late=True), True)]
-        self._unread: deque[tuple[bytes, bool]] = deque()
         node.add_report(self._listen)
 
     def pose(self, message: Any) -> np.ndarray:
@@ -301,6 +312,8 @@ class BaseFrame:
         """Read what has come, and look a frame up."""
         self._wanted = True
         with self._lock:
+            if not self._inputs:
+                self._subscribe()
             self._collect()
             if len(self._unread) > AT_ONCE:
                 raise FrameError(f'frame {frame!r}: /tf is being read')

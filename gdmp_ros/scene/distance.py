@@ -7,7 +7,13 @@ import numpy as np
 
 from gdmp_ros.kernels import kernel, local_numbers, numbers_at
 from gdmp_ros.manifolds.quaternion import rotate
-from gdmp_ros.scene.volume import HALF, POSE, RADIUS, VOLUME_SIZE
+from gdmp_ros.scene.volume import ALLOWED, HALF, POSE, RADIUS, VOLUME_SIZE
+
+
+@kernel
+def is_allowed(volume, bit):
+    """Whether a link may touch a volume; bit 0 is no link."""
+    return bit > 0.0 and math.floor(volume[ALLOWED] / bit) % 2.0 == 1.0
 
 
 @kernel

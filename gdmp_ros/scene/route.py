@@ -6,6 +6,7 @@ if there is none.
 """
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -14,8 +15,8 @@ from scipy.sparse.csgraph import dijkstra
 
 from gdmp_ros.kernels import kernel, local_numbers
 from gdmp_ros.manifolds.quaternion import rotate
-from gdmp_ros.scene.distance import segment_distance
-from gdmp_ros.scene.volume import MARGIN, THERE
+from gdmp_ros.scene.distance import is_allowed, segment_distance
+from gdmp_ros.scene.volume import CARRIED, MARGIN, THERE
 
 #: Edge of a cell [m], how far around the plain path ways are searched [m], and most cells.
 CELL, AROUND, MOST_CELLS = 0.025, 0.35, 300_000
@@ -27,15 +28,31 @@ class Tool(NamedTuple):
     """
     Shape of what moves: capsules in its frame.
 
-    :ivar capsules: both ends of the axis, radius [m]; shape (m, 7)
+    :ivar capsules: both ends of the axis, radius [m], the bit of its link; shape (m, 8)
+    :ivar bits: of the links of the arm, which volumes may allow to touch them
     """
 
     capsules: np.ndarray
+    bits: Mapping[str, int] = {}
 
     @classmethod
     def ball(cls, radius: float) -> Tool:
         """Return a sphere around the tool point [m]."""
-        return cls(np.array([[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, radius]]))
+        return cls(np.array([[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, radius, 0.0]]))
+
+    @property
+    def links(self) -> set[str]:
+        """Names of the links that it consists of."""
+        return {name for name, bit in self.bits.items() if bit in self.capsules[:, 7]}
+
+    def carrying(self, carried: np.ndarray) -> Tool:
+        """
+        Return it with what it carries.
+
+        :param carried: `gdmp_ros.scene.scene.Scene.carried`
+        """
+        bit = np.full((len(carried), 1), float(self.bits.get(CARRIED, 0)))
+        return self._replace(capsules=np.vstack([self.capsules, np.hstack([carried, bit])]))
 
 
 @kernel
@@ -51,7 +68,7 @@ def _clearances(volumes, capsules, points, turns, extra, result, which):
                 first[i] += points[k, i]
                 second[i] += points[k, i]
             for v in range(volumes.shape[0]):
-                if volumes[v, THERE] == 0.0:
+                if volumes[v, THERE] == 0.0 or is_allowed(volumes[v], capsules[c, 7]):
                     continue
                 distance, _ = segment_distance(volumes[v], first, second, way)
                 left = distance - capsules[c, 6] - extra * volumes[v, MARGIN]

@@ -15,7 +15,7 @@ from gdmp_ros.util.numeric import numbers
 
 #: Larger files are refused [bytes].
 MAX_BYTES = 1_000_000
-_KEYS = {'name', 'kind', 'size', 'pose', 'position', 'margin', 'allowed'}
+_KEYS = {'name', 'kind', 'size', 'pose', 'position', 'margin', 'allowed', 'carried'}
 _STILL = [1.0, 0.0, 0.0, 0.0]
 
 
@@ -53,9 +53,19 @@ class Scene:
         return name in self._volumes
 
     @property
+    def around(self) -> list[Volume]:
+        """The volumes that the arm does not carry."""
+        return [volume for volume in self if not volume.carried]
+
+    @property
+    def carried(self) -> np.ndarray:
+        """Capsules around what the arm carries, in the frame of the tool, shape (m, 7) [m]."""
+        return np.vstack([np.empty((0, 7)), *(one.capsules for one in self if one.carried)])
+
+    @property
     def names(self) -> tuple[str, ...]:
-        """Names of the volumes, in the order of `packed`."""
-        return tuple(self._volumes)
+        """Names of the volumes `around`, in the order of `packed`."""
+        return tuple(volume.name for volume in self.around)
 
     def put(self, volume: Volume) -> None:
         """
@@ -69,9 +79,9 @@ class Scene:
         self._volumes[volume.name] = volume
 
     def remove(self, name: str) -> None:
-        """:raises DataError: if there is no such volume"""
-        self[name]
-        del self._volumes[name]
+        """Remove a volume, or the parts ``name#1`` and so on of one; none is no error."""
+        for known in [known for known in self._volumes if known.partition('#')[0] == name]:
+            del self._volumes[known]
 
     def clear(self) -> None:
         """Remove all volumes."""
@@ -83,12 +93,12 @@ class Scene:
 
     def packed(self, links: Mapping[str, int] | None = None) -> np.ndarray:
         """
-        Numbers for kernels, shape (m, `VOLUME_SIZE`).
+        Numbers of the volumes `around` for kernels, shape (m, `VOLUME_SIZE`).
 
         :param links: the bits of the links of the arm, which volumes may allow to touch them
         :raises DataError: if a volume allows a link that the arm does not have
         """
-        rows = [volume.packed(self.margin, dict(links or {})) for volume in self]
+        rows = [volume.packed(self.margin, dict(links or {})) for volume in self.around]
         return np.array(rows).reshape(-1, VOLUME_SIZE)
 
 
@@ -139,5 +149,8 @@ def _volume(number: int, given: Any) -> Volume:
         raise DataError(f'volume {name!r}: allowed: expected names of links, got {allowed!r:.80}')
     if margin is not None and (isinstance(margin, bool) or not isinstance(margin, (int, float))):
         raise DataError(f'volume {name!r}: margin: expected a number, got {margin!r}')
+    carried = given.get('carried', False)
+    if not isinstance(carried, bool):
+        raise DataError(f'volume {name!r}: carried: expected true or false, got {carried!r:.80}')
     return Volume(name, str(kind), tuple(size.ravel()), pose, margin=margin,
-                  allowed=tuple(allowed))
+                  allowed=tuple(allowed), carried=carried)

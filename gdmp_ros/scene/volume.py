@@ -3,8 +3,8 @@ Volumes: spheres, boxes, capsules and half-spaces.
 
 Each is a box whose corners and edges may be rounded: a sphere is rounded alone, a capsule has a
 length in one direction, a half-space is a very large box below its plane. So there is one formula
-for the distance (`gdmp_ros.scene.distance`). A mesh or a cluster of points counts as the box
-around it.
+for the distance (`gdmp_ros.scene.distance`). Meshes and clouds of points count as boxes around
+them (`gdmp_ros.scene.points`).
 """
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ import numpy as np
 
 from gdmp_ros.errors import DataError
 from gdmp_ros.manifolds.poses import compose
+from gdmp_ros.manifolds.quaternion import rotate
 from gdmp_ros.util.numeric import numbers
 
 #: Numbers of a kind's size [m]: radius; lengths of the edges; radius and length of the axis (along
@@ -30,6 +31,10 @@ HALF, RADIUS, POSE, TWIST, MARGIN, ALLOWED, THERE = 0, 3, 4, 11, 17, 18, 19
 VOLUME_SIZE = 20
 #: Most volumes at a time.
 CAPACITY = 32
+#: In `Volume.allowed`: what the arm carries.
+CARRIED = 'carried'
+#: Most capsules around one volume that is carried.
+STRIPS = 4
 #: Margin of a scene, if nothing else is said [m].
 DEFAULT_MARGIN = 0.02
 
@@ -49,7 +54,9 @@ class Volume:
     :ivar pose: of its centre (x, y, z, qw, qx, qy, qz), of a plane: of a point of it; in the base
     :ivar twist: how it moves, linear and angular, in the frame of the pose [m/s, rad/s]
     :ivar margin: distance to keep [m]; None: that of the scene
-    :ivar allowed: links of the arm that may touch it
+    :ivar allowed: links of the arm that may touch it, and `CARRIED`
+    :ivar carried: whether the arm carries it: its pose is in the frame of the tool, and it is kept
+        away from other volumes as the links are
     """
 
     name: str
@@ -59,6 +66,7 @@ class Volume:
     twist: np.ndarray = field(default_factory=_still)
     margin: float | None = None
     allowed: tuple[str, ...] = ()
+    carried: bool = False
 
     def __post_init__(self) -> None:
         where = f'volume {self.name!r}'
@@ -84,6 +92,8 @@ class Volume:
             raise DataError(f'{where}: twist is {twist.tolist()}, expected 6 finite numbers')
         if self.margin is not None and not 0.0 <= self.margin <= LARGEST:
             raise DataError(f'{where}: margin is {self.margin} m, expected 0 to {LARGEST:g}')
+        if self.carried and self.kind == 'plane':
+            raise DataError(f'{where}: an arm carries no plane')
         pose = np.concatenate([pose[:3], pose[3:] / length])
         for name, value in (('size', size), ('pose', pose), ('twist', np.array(twist))):
             object.__setattr__(self, name, value)
@@ -108,9 +118,37 @@ class Volume:
         below = np.array([0.0, 0.0, -ENDLESS, 1.0, 0.0, 0.0, 0.0])
         return compose(self.pose, below) if self.kind == 'plane' else self.pose
 
-    def at(self, pose: np.ndarray, twist: np.ndarray | None = None) -> Volume:
+    def at(self, pose: np.ndarray, twist: np.ndarray | None = None, carried: bool = False
+           ) -> Volume:
         """Return it elsewhere."""
-        return replace(self, pose=pose, twist=np.zeros(6) if twist is None else twist)
+        return replace(self, pose=pose, twist=np.zeros(6) if twist is None else twist,
+                       carried=carried)
+
+    @property
+    def capsules(self) -> np.ndarray:
+        """
+        Capsules that hold the volume, in the frame of its pose: ends of the axis, radius.
+
+        A flat box is held by several beside each other. Shape (m, 7) [m].
+        """
+        half, radius = self.half, self.radius
+        thin, wide, long = np.argsort(half, kind='stable')
+        strips = int(np.clip(np.ceil(half[wide] / max(half[thin], 1e-6)), 1, STRIPS)
+                     if half[wide] > 0.0 else 1)
+        rows = np.zeros((strips, 7))
+        rows[:, wide] = rows[:, 3 + wide] = half[wide] * (
+            (2.0 * np.arange(strips) + 1.0) / strips - 1.0)
+        across = float(np.hypot(half[thin], half[wide] / strips))
+        # Short ones are a sphere around the corners.
+        ball = half[long] < 1.5 * across
+        if not ball:
+            rows[:, long], rows[:, 3 + long] = -half[long], half[long]
+        rows[:, 6] = radius + (float(np.hypot(across, half[long])) if ball else across)
+        for row in rows:
+            for end in (row[:3], row[3:6]):
+                rotate(self.pose[3:], end, end)
+                end += self.pose[:3]
+        return rows
 
     def packed(self, margin: float, links: dict[str, int]) -> np.ndarray:
         """
@@ -134,18 +172,3 @@ class Volume:
         lever = self.centre[:3] - self.pose[:3]
         return np.concatenate([self.twist[:3] + np.cross(self.twist[3:], lever), self.twist[3:]])
 
-
-def box_around(name: str, points: Any, **others: Any) -> Volume:
-    """
-    Box around points: what a mesh or a cluster of points counts as.
-
-    :param points: shape (n, 3) [m]
-    :raises DataError: without a finite point
-    """
-    points = np.asarray(points, dtype=float).reshape(-1, 3)
-    if not len(points) or not np.isfinite(points).all():
-        raise DataError(f'volume {name!r}: expected finite points')
-    low, high = points.min(axis=0), points.max(axis=0)
-    size = np.maximum(high - low, 1e-4)
-    return Volume(name, 'box', tuple(size), np.array([*(0.5 * (low + high)), 1.0, 0.0, 0.0, 0.0]),
-                  **others)

@@ -129,6 +129,11 @@ class Arm:
         return self._body
 
     @property
+    def site(self) -> int:
+        """The tool site in the model."""
+        return self._site
+
+    @property
     def chain(self) -> Chain:
         """
         The joints between the base and the tool.

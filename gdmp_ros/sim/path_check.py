@@ -10,6 +10,7 @@ import numpy as np
 
 from gdmp_ros.control.settings import LimitSettings
 from gdmp_ros.control.singularity import singular_value
+from gdmp_ros.control.own_body import carried_capsules
 from gdmp_ros.control.surroundings import depths
 from gdmp_ros.dmp.changes import joints_in_order
 from gdmp_ros.dmp.skill import Skill
@@ -21,7 +22,7 @@ from gdmp_ros.scene.route import Tool
 from gdmp_ros.scene.scene import Scene
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.chain import joints_before, NEIGHBOURS
-from gdmp_ros.sim.tool_shape import tool_of
+from gdmp_ros.sim.tool_shape import tool_frames, tool_of
 
 #: A pose is reached if the tool comes this close [m, rad].
 REACHED_M, REACHED_RAD = 3e-3, 0.02
@@ -269,13 +270,19 @@ class PathChecker:
         """
         self._arm, self._reach = arm, Reach(arm, tool)
         self.scene = scene or Scene()
-        self._volumes = self.scene.packed(arm.shape.bits)
+        self._shape = arm.shape.with_load()
+        carried_capsules(self.scene.carried, arm.end_pose, len(arm.home), self._shape.capsules)
+        self._volumes = self.scene.packed(self._shape.bits)
         self._pairs = _pairs(arm.model)
 
     @property
     def tool(self) -> Tool:
         """Shape of the tool."""
         return tool_of(self._arm)
+
+    def tool_frames(self, frame: str) -> dict[str, np.ndarray]:
+        """Frames that move with the tool; see `gdmp_ros.sim.tool_shape.tool_frames`."""
+        return tool_frames(self._arm, frame)
 
     @property
     def joint_names(self) -> list[str]:
@@ -343,7 +350,7 @@ class PathChecker:
         """Distance from the nearest volume, less its margin [m], and the names."""
         if not len(self._volumes):
             return np.inf, ''
-        shape = self._arm.shape
+        shape = self._shape
         deep = depths(self._arm.chain, shape, posture, self._volumes)
         volume, link = np.unravel_index(int(np.argmax(deep)), deep.shape)
         return -float(deep[volume, link]), f'{shape.links[link]} and {self.scene.names[volume]}'

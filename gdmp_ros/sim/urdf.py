@@ -158,6 +158,12 @@ def joint_names(arm: Arm, frame: str) -> list[str]:
     return [links.named(name) for name in arm.names]
 
 
+def link_names(arm: Arm, frame: str) -> dict[str, str]:
+    """Names of the links in the description of an arm, and of their bodies in its model."""
+    return {name: arm.model.body(body).name
+            for body, name in links_of(arm, frame).bodies.items()}
+
+
 def links_of(arm: Arm, frame: str) -> Links:
     """
     Names of the links of an arm.

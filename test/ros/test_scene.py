@@ -11,7 +11,7 @@ from gdmp_ros import DataError, GdmpError
 from gdmp_ros.control.surroundings import depths
 from gdmp_ros.ros.clients.arm_client import move_joints
 from gdmp_ros.ros.clients.testbed import ARM, SERVER
-from gdmp_ros.ros.scene import markers_of, volume_of
+from gdmp_ros.ros.scene.messages import markers_of, volumes_of
 from gdmp_ros.scene import Scene, Volume
 from gdmp_ros.scene.distance import distances
 from gdmp_ros.sim.arm import Arm

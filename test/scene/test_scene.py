@@ -5,7 +5,7 @@ import pytest
 from gdmp_ros import DataError
 from gdmp_ros.scene import read_scene, Scene, Volume
 from gdmp_ros.scene.distance import distances
-from gdmp_ros.scene.volume import box_around, CAPACITY
+from gdmp_ros.scene.volume import CAPACITY
 
 HERE = np.array([0.5, 0.0, 0.3, 1.0, 0.0, 0.0, 0.0])
 FILE = """\
@@ -64,10 +64,3 @@ def test_there_are_not_too_many():
     scene.put(Volume('3', 'box', (0.1, 0.1, 0.1), HERE))
     with pytest.raises(DataError, match='32 volumes already'):
         scene.put(Volume('more', 'sphere', (0.1,), HERE))
-
-
-def test_points_count_as_the_box_around_them(rng):
-    points = rng.uniform(-0.2, 0.3, (100, 3))
-    assert distances(box_around('cluster', points).packed(0.0, {}), points).max() < 1e-12
-    with pytest.raises(DataError, match='finite points'):
-        box_around('cluster', [[np.nan, 0.0, 0.0]])

@@ -6,6 +6,7 @@ from typing import Any
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from gdmp_msgs.msg import ArmStatus, Reference
+from gdmp_msgs.msg import Scene as SceneMessage
 import numpy as np
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
@@ -13,6 +14,7 @@ from std_msgs.msg import String
 from gdmp_ros.control.arm_control import ArmControl
 from gdmp_ros.control.arm_states import Request, State
 from gdmp_ros.control.limits import LIMITS
+from gdmp_ros.control.surroundings import LAST_SEEN_S
 from gdmp_ros.errors import DataError, GdmpError, ParameterError
 from gdmp_ros.realtime.loop import Loop, NS, priority_beside, RunningLoop
 from gdmp_ros.realtime.statistics import LatenessRecorder
@@ -21,13 +23,18 @@ from gdmp_ros.ros.arm.commands import Answer, ArmCommands, MAX_REFERENCES
 from gdmp_ros.ros.arm.parameters import controller_settings, payload, tool_transform
 from gdmp_ros.ros.arm.services import ArmServices
 from gdmp_ros.ros.arm.state_publisher import StatePublisher
+from gdmp_ros.ros.frames import BaseFrame
 from gdmp_ros.ros.lifecycle import ManagedNode
 from gdmp_ros.ros.messages import lateness_diagnostics
 from gdmp_ros.ros.parameters import Parameters
-from gdmp_ros.ros.scene import only_in, SceneTopic
+from gdmp_ros.ros.scene.cloud import CloudTopic
+from gdmp_ros.ros.scene.messages import scene_message
+from gdmp_ros.ros.scene.moveit import PlanningObjects
+from gdmp_ros.ros.scene.topics import SceneTopics
 from gdmp_ros.scene.scene import Scene
 from gdmp_ros.sim.frames import ToolTransform
-from gdmp_ros.sim.urdf import joint_names, LinkFrames, urdf
+from gdmp_ros.sim.tool_shape import tool_frames
+from gdmp_ros.sim.urdf import joint_names, link_names, LinkFrames, urdf
 from gdmp_ros.util.names import indices_of
 
 #: Longest time in which the arm comes to rest before its node is inactive [s].
@@ -101,7 +108,7 @@ class ArmNode(ManagedNode):
             self.joint_names = arm.names
         self.arm_services = ArmServices(self)
         self.add_subscription(JointState, '~/posture', self._on_posture)
-        self._scene = SceneTopic(self, only_in(p.frame_id), p, self._surround, self._refuse)
+        self._offer_scene()
         self._diagnostics = self.add_publisher(DiagnosticArray, '/diagnostics', 10)
         self._status_out = self.add_publisher(ArmStatus, '~/status', 10)
         self._description = self.add_publisher(String, 'robot_description', 1, late=True)
@@ -110,6 +117,31 @@ class ArmNode(ManagedNode):
                                         '~/' if self.backend.described else '')
         self.describe()
         self.add_report(self._report)
+
+    def _offer_scene(self) -> None:
+        """Take what others tell of the surroundings, and publish all of it."""
+        p, arm, frames = self.parameters, self.backend.model, BaseFrame(
+            self, self.parameters.frame_id, late=True)
+
+        def in_tool() -> dict[str, np.ndarray]:
+            return tool_frames(arm, p.frame_id)
+        self._scene_out = self.add_publisher(SceneMessage, '~/surroundings', 1, late=True)
+        topics = SceneTopics(self, frames.place_of, p, self._surround, self._refuse, in_tool)
+        PlanningObjects(topics, frames.place_of, in_tool,
+                        lambda: self.control.controller.memory.pose.copy(),
+                        lambda: link_names(arm, p.frame_id), self._refuse).listen(self)
+        CloudTopic(self, topics, frames.place_of, p, self._own_capsules, self._hold_back,
+                   self._refuse)
+
+    def _own_capsules(self, stamp: int) -> np.ndarray:
+        age = min(max((self.time_ns() - stamp) / NS, 0.0), LAST_SEEN_S)
+        return self.control.controller.capsules(age)
+
+    def _hold_back(self, reason: str) -> None:
+        self.control.controller.hold_back(reason)
+        self.commands.called()
+        if reason:
+            self.get_logger().warning(f'held: {reason}', throttle_duration_sec=1.0)
 
     def activate(self) -> None:
         self.backend.begin()
@@ -221,6 +253,7 @@ class ArmNode(ManagedNode):
         self.control.controller.surround(scene)
         self.backend.surround(scene)
         self.commands.called()
+        self._scene_out.publish(scene_message(scene, self.parameters.frame_id, self.stamp()))
 
     def _refuse(self, reason: str) -> None:
         self.control.states.last_refusal = reason

@@ -16,7 +16,8 @@ from gdmp_ros.control.settings import (
 )
 from gdmp_ros.franka.settings import FrankaSettings
 from gdmp_ros.ros.parameters import settings_from, Spec, specs_of
-from gdmp_ros.ros.scene import SPECS as SCENE_SPECS
+from gdmp_ros.ros.scene.cloud import SPECS as CLOUD_SPECS
+from gdmp_ros.ros.scene.topics import SPECS as SCENE_SPECS
 from gdmp_ros.sim.arm import Arm, Extra
 from gdmp_ros.sim.frames import ToolTransform
 from gdmp_ros.sim.gripper import add_gripper, SimulatedGripper
@@ -46,6 +47,7 @@ ARM = (
     Spec('visualization_rate_hz', 100, 'rate of joint states, measured pose and stiffness for '
          'viewers', 'Hz', 1, 100),
     *SCENE_SPECS,
+    *CLOUD_SPECS,
     *specs_of(GuardSettings, names=_GUARD),
     *specs_of(ControllerSettings),
     *specs_of(LimitSettings),

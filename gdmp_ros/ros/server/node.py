@@ -9,6 +9,7 @@ import shutil
 from typing import Any
 
 from gdmp_msgs.msg import Context
+from gdmp_msgs.msg import Scene as SceneMessage
 from gdmp_msgs.srv import LearnSkill, LoadSkill, RefineSkill, SetSpeed
 import numpy as np
 from rosgraph_msgs.msg import Clock as ClockMessage
@@ -18,6 +19,7 @@ from gdmp_ros.choices import CONNECTIONS, STIFFNESSES
 from gdmp_ros.data.bags import ns_of
 from gdmp_ros.dmp.options import check_range, MAX_SPEED
 from gdmp_ros.errors import GdmpError
+from gdmp_ros.manifolds.poses import compose
 from gdmp_ros.playback.goal_check import no_second_arm
 from gdmp_ros.playback.measured_input import MeasuredInputs
 from gdmp_ros.playback.objects import ObjectSettings
@@ -32,8 +34,9 @@ from gdmp_ros.ros.lifecycle import CHECK_EVERY, ManagedNode
 from gdmp_ros.ros.middleware import CLOCK_DEPTH, reliable, Subscription
 from gdmp_ros.ros.parameters import Parameters, settings_from, Spec, specs_of
 from gdmp_ros.ros.running import own_arguments, run
-from gdmp_ros.ros.scene import SceneTopic
-from gdmp_ros.ros.scene import SPECS as SCENE_SPECS
+from gdmp_ros.ros.scene.messages import scene_of
+from gdmp_ros.ros.scene.topics import SceneTopics
+from gdmp_ros.ros.scene.topics import SPECS as SCENE_SPECS
 from gdmp_ros.ros.server.actions import ExecuteAction, SequenceAction
 from gdmp_ros.ros.server.compiled_loop import CHANGED, ServerLoop, TICKED, warm_up
 from gdmp_ros.ros.server.inputs import GoalTopics, GripperTopics, ObjectsOnTf, RobotInputs
@@ -79,7 +82,8 @@ SPECS = (
          'joints'),
     Spec('gripper', 'gripper', 'name before the topics of the gripper: gripper/command, '
          'gripper/state'),
-    Spec('arm_status_topic', 'panda_sim/status', 'gdmp_msgs/ArmStatus of the arm, if it has one'),
+    Spec('arm_status_topic', 'panda_sim/status', 'gdmp_msgs/ArmStatus of the arm, if it has one; '
+         'what the arm keeps away from is taken from the topic surroundings beside it'),
     *specs_of(StreamSettings),
     *specs_of(RobotSettings),
     *specs_of(PlayerSettings, 'motion'),
@@ -175,8 +179,13 @@ class TrajectoryServer(ManagedNode):
         self.inputs.connect(self.streamer)
         if checker is not None:
             self.streamer.surroundings.tool = checker.tool
-        self._scene = SceneTopic(self, self._base.place_of, parameters,
-                                 self.streamer.surround, self.streamer.refusals.add)
+        self._scene = SceneTopics(
+            self, self._base.place_of, parameters, self.streamer.surround,
+            self.streamer.refusals.add,
+            dict if checker is None else lambda: checker.tool_frames(parameters.frame_id))
+        arm = parameters.arm_status_topic.rpartition('/')[0]
+        self.add_subscription(SceneMessage, f'{arm}/surroundings', self._on_surroundings, 1,
+                              late=True)
         self._skills = SkillLoader(self.streamer, checker, self.get_logger())
         self._skills.use_that_of(parameters)
         self._refinement = Refinement(self.streamer, self._skills, self.get_logger())
@@ -372,6 +381,16 @@ class TrajectoryServer(ManagedNode):
             reply.success, reply.message = False, str(problem)
             self.get_logger().warning(str(problem))
         return reply
+
+    def _on_surroundings(self, message: SceneMessage) -> None:
+        """Lead motions around what the arm keeps away from, too."""
+        try:
+            scene, place = scene_of(message), self._base.place_of(message.header)
+            self._scene.beside('arm', [
+                volume if place is None or volume.carried
+                else volume.at(compose(place, volume.pose)) for volume in scene])
+        except GdmpError as error:
+            self.streamer.refusals.add(f'surroundings of the arm: {error}')
 
     def _publish_report(self) -> None:
         player = self.streamer.player
