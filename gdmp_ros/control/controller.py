@@ -16,7 +16,15 @@ from gdmp_ros.control.limits import LimitCounters
 from gdmp_ros.control.measurement import JointLimits, Measurement, Tick
 from gdmp_ros.control.memory import FREE, JOINT_MOTION, JOINT_SPRINGS, TOOL_SPRING
 from gdmp_ros.control.modes import ArmMode
-from gdmp_ros.control.own_body import Body, carried_capsules, clearances, KEEP, LOAD, NO_BODY, placed
+from gdmp_ros.control.own_body import (
+    Body,
+    carried_capsules,
+    clearances,
+    KEEP,
+    LOAD,
+    NO_BODY,
+    placed,
+)
 from gdmp_ros.control.posture import Posture
 from gdmp_ros.control.reference_kinds import MeasuredMotion
 from gdmp_ros.control.settings import ControllerSettings

@@ -178,7 +178,8 @@ def _move_joints(numbers, jacobian, twist, violation):
         held = max(LEAST_SHARE,
                    _share_that_keeps_error(arm.pose, arm.reference, arm.gains, twist))
     # At rest the norms are 0.
-    share = min(arm.scalars.slowed, arm.scalars.allowed, held * fastest / max(norm(3, twist[:3]), 1e-9),
+    share = min(arm.scalars.slowed, arm.scalars.allowed,
+                held * fastest / max(norm(3, twist[:3]), 1e-9),
                 held * fastest_turn / max(norm(3, twist[3:]), 1e-9))
     for i in range(n):
         excess = abs(rates[i]) - arm.joint_limits[2, i]

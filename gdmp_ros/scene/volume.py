@@ -9,7 +9,6 @@ them (`gdmp_ros.scene.points`).
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 

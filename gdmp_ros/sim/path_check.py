@@ -8,9 +8,9 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
+from gdmp_ros.control.own_body import carried_capsules
 from gdmp_ros.control.settings import LimitSettings
 from gdmp_ros.control.singularity import singular_value
-from gdmp_ros.control.own_body import carried_capsules
 from gdmp_ros.control.surroundings import depths
 from gdmp_ros.dmp.changes import joints_in_order
 from gdmp_ros.dmp.skill import Skill

@@ -15,6 +15,7 @@ from gdmp_ros.control.surroundings import (
     SLACK,
     surroundings_rows,
 )
+from gdmp_ros.manifolds.poses import compose
 from gdmp_ros.scene import Scene, Volume
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.closed_loop import ClosedLoop
@@ -188,3 +189,92 @@ def test_what_is_not_seen_again_stands_where_it_was():
     row = loop.controller.memory.volumes[0]
     assert row[5] == pytest.approx(far[1] - 0.4 * LAST_SEEN_S, abs=2e-3)
     assert not row[11:17].any() and loop.controller.scale == 1.0
+
+
+def led_down(loop, distance, seconds=2.0):
+    """Lead the tool of a loop down; how far it came [m]."""
+    start = loop.arm.measure().pose
+    arm, shares = Arm(), minimum_jerk(np.linspace(0.0, 1.0, round(1000 * seconds)))
+    low = np.concatenate([start[:3] - [0.0, 0.0, distance], start[3:]])
+    there = arm.chain.near(low, arm.home, arm.end_pose)
+    references = stream(arm, arm.home + shares[:, None] * (there - arm.home), 800.0)
+    for reference in [*references, *references[-1:].repeat(600, axis=0)]:
+        loop.must_follow(reference)
+        loop.tick()
+    return start[2] - loop.arm.measure().pose[2]
+
+
+@pytest.mark.parametrize('allowed', [(), ('carried',)], ids=['kept away', 'allowed'])
+def test_what_the_arm_carries_keeps_its_distance_too(allowed):
+    loop = blocked_loop()
+    start = loop.arm.measure().pose
+    # A stick hangs 0.15 m below the tool point: its axis is the tool's, which points down.
+    stick = Volume('stick', 'capsule', (0.01, 0.28), np.array(
+        [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]), carried=True)
+    floor = Volume('floor', 'plane', (), np.array([0, 0, start[2] - 0.25, 1.0, 0.0, 0.0, 0.0]),
+                   allowed=allowed)
+    loop.controller.surround(Scene([stick, floor], MARGIN))
+    came = led_down(loop, 0.15)
+    # 0.25 m of room, less half of the stick, its radius, and margin and slack.
+    assert came == pytest.approx(0.15 if allowed else 0.25 - 0.14 - 0.01 - MARGIN - SLACK,
+                                 abs=0.004)
+    assert allowed or loop.controller.blocked == 'floor (carried is near it)'
+
+
+def test_what_is_let_go_acts_no_more_and_too_much_is_refused():
+    loop = blocked_loop()
+    start = loop.arm.measure().pose
+    still = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+    floor = Volume('floor', 'plane', (), np.array([0, 0, start[2] - 0.25, 1.0, 0.0, 0.0, 0.0]))
+    loop.controller.surround(Scene([floor, Volume('stick', 'capsule', (0.01, 0.28), still,
+                                                  carried=True)], MARGIN))
+    loop.tick()
+    loop.controller.surround(Scene([floor], MARGIN))
+    assert led_down(loop, 0.15) == pytest.approx(0.15, abs=0.002)
+    plates = [Volume(f'plate{k}', 'box', (0.3, 0.2, 0.01), still, carried=True) for k in range(3)]
+    with pytest.raises(DataError, match='takes 12 capsules, expected at most 8'):
+        loop.controller.surround(Scene(plates, MARGIN))
+
+
+def test_capsules_hold_what_is_carried(rng):
+    for kind, size in (('sphere', (0.05,)), ('capsule', (0.02, 0.2)), ('box', (0.05, 0.05, 0.05)),
+                       ('box', (0.3, 0.2, 0.01)), ('box', (0.02, 0.3, 0.04))):
+        made = volume(rng.uniform(-0.2, 0.2, 3), kind, size)
+        ends = np.array([-1.0, 1.0])
+        grid = np.stack(np.meshgrid(*(half * ends for half in made.half)), axis=-1).reshape(-1, 3)
+        corners = np.array([compose(made.pose, np.array([*corner, 1.0, 0.0, 0.0, 0.0]))[:3]
+                            for corner in grid])
+        left = np.full(len(corners), np.inf)
+        for row in made.capsules:
+            along = row[3:6] - row[:3]
+            share = np.clip((corners - row[:3]) @ along / max(along @ along, 1e-12), 0.0, 1.0)
+            left = np.minimum(left, np.linalg.norm(
+                corners - row[:3] - share[:, None] * along, axis=1) - row[6])
+        assert left.max() <= 1e-9 - made.radius
+    # A plate is held by flat strips, not by a thick ball.
+    assert volume([0, 0, 0], 'box', (0.3, 0.2, 0.01)).capsules[:, 6].max() < 0.03
+
+
+def test_an_arm_that_is_held_back_stands_says_why_and_goes_on():
+    loop = blocked_loop()
+    start = loop.arm.measure().pose
+    path = []
+    shares = minimum_jerk(np.linspace(0.0, 1.0, 2000))
+    references = stream(Arm(), np.tile(Arm().home, (2000, 1)), 800.0)
+    references[:, 1] += 0.3 * shares
+    for k, reference in enumerate([*references, *references[-1:].repeat(4000, axis=0)]):
+        if k == 1000:
+            loop.controller.hold_back('the cloud is old')
+        if k == 3500:
+            held = loop.arm.measure().pose[1] - start[1]
+            assert loop.controller.blocked == 'the cloud is old' and loop.controller.scale == 0.0
+            loop.controller.hold_back('')
+        if k == 2000:
+            stands = loop.arm.measure().pose[1] - start[1]
+        loop.must_follow(reference)
+        loop.tick()
+        path.append(loop.controller.reference[:3].copy())
+    accelerations = np.diff(path, 2, axis=0) / 1e-6
+    assert held == pytest.approx(stands, abs=1e-3) and 0.1 < held < 0.25
+    assert loop.arm.measure().pose[1] - start[1] == pytest.approx(0.3, abs=0.005)
+    assert np.linalg.norm(accelerations, axis=1).max() < 15.0 and loop.controller.scale == 1.0

@@ -1,21 +1,28 @@
 """What is around the arm, by ``~/scene``: to the server and to the arm."""
 from gdmp_msgs.action import ExecuteSkill
 from gdmp_msgs.msg import ArmStatus
+from gdmp_msgs.msg import Scene as Scene_
 from geometry_msgs.msg import Point
 import numpy as np
 import pytest
+from sensor_msgs.msg import PointCloud2, PointField
+from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker, MarkerArray
 
 from experiments.obstacles import line
 from gdmp_ros import DataError, GdmpError
+from gdmp_ros.control.own_body import placed
 from gdmp_ros.control.surroundings import depths
 from gdmp_ros.ros.clients.arm_client import move_joints
 from gdmp_ros.ros.clients.testbed import ARM, SERVER
-from gdmp_ros.ros.scene.messages import markers_of, volumes_of
+from gdmp_ros.ros.messages import stamp_of, stamped_transform
+from gdmp_ros.ros.middleware import latched
+from gdmp_ros.ros.scene.messages import markers_of, scene_message, scene_of, volumes_of
 from gdmp_ros.scene import Scene, Volume
 from gdmp_ros.scene.distance import distances
 from gdmp_ros.sim.arm import Arm
 from test.ros.nodes import FRAME
+from test.scene.camera import box, picture
 
 
 @pytest.fixture(scope='module')
@@ -34,6 +41,9 @@ def marker(kind, place=(0.4, 0.1, 0.2), scale=(0.1, 0.1, 0.3), name='thing', **f
 
 
 def test_markers_become_volumes_that_hold_them(rng):
+    def volume_of(made):
+        (volume,) = volumes_of(made)
+        return volume
     box = volume_of(marker(Marker.CUBE))
     assert box.kind == 'box' and box.size == (0.1, 0.1, 0.3) and box.name == 'thing'
     assert volume_of(marker(Marker.SPHERE)).size == (0.15,)
@@ -43,13 +53,18 @@ def test_markers_become_volumes_that_hold_them(rng):
         [-0.15, 0.15], 50)]) + [0.4, 0.1, 0.2]
     assert distances(cylinder.packed(0.0, {}), rim).max() < 1e-9
     points = rng.uniform(-0.1, 0.2, (30, 3))
-    cloud = marker(Marker.TRIANGLE_LIST, points=[Point(x=x, y=y, z=z) for x, y, z in points])
-    assert distances(volume_of(cloud).packed(0.0, {}), points + [0.4, 0.1, 0.2]).max() < 1e-9
+    given = [Point(x=x, y=y, z=z) for x, y, z in points]
+    cloud = marker(Marker.SPHERE_LIST, points=given, scale=(0.02, 0.02, 0.02))
+    assert distances(volume_of(cloud).packed(0.0, {}), points + [0.4, 0.1, 0.2]).max() < -0.0099
+    mesh = volumes_of(marker(Marker.TRIANGLE_LIST, points=given, scale=(1.0, 1.0, 1.0)))
+    assert len(mesh) > 1 and mesh[0].name == 'thing#1'
+    assert distances(Scene(mesh).packed(), points + [0.4, 0.1, 0.2]).max() < 1e-9
     assert volume_of(marker(Marker.CUBE, name='', ns='table', id=3)).name == 'table/3'
     for wrong, reason in ((marker(Marker.ARROW), 'is no volume'),
                           (marker(Marker.CUBE, scale=(0.1, np.nan, 0.1)), 'not finite'),
                           (marker(Marker.CUBE, scale=(0.1, 0.0, 0.1)), 'expected above 0'),
-                          (marker(Marker.TRIANGLE_LIST), 'finite points')):
+                          (marker(Marker.POINTS), 'finite points'),
+                          (marker(Marker.TRIANGLE_LIST, points=given[:2]), 'no triangles')):
         with pytest.raises(DataError, match=reason):
             volume_of(wrong)
 
@@ -58,21 +73,33 @@ def test_a_scene_comes_back_from_its_markers():
     here = np.array([0.4, 0.1, 0.2, 0.8, 0.0, 0.6, 0.0])
     scene = Scene([Volume('a', 'sphere', (0.1,), here), Volume('b', 'box', (0.1, 0.2, 0.3), here),
                    Volume('c', 'capsule', (0.05, 0.3), here), Volume('d', 'plane', (), here)])
-    found = [volume_of(one) for one in markers_of(scene, FRAME, Marker().header.stamp).markers]
+    stamp = Marker().header.stamp
+    found = [volumes_of(one)[0] for one in markers_of(scene, FRAME, stamp).markers]
     assert [one.name for one in found] == ['a', 'b', 'c']
     for one in found:
         np.testing.assert_allclose(one.packed(0.0, {}), scene[one.name].packed(0.0, {}),
                                    atol=1e-12)
 
 
+def test_a_scene_comes_back_from_its_message():
+    here, twist = np.array([0.4, 0.1, 0.2, 0.8, 0.0, 0.6, 0.0]), np.arange(6.0)
+    scene = Scene([Volume('a', 'sphere', (0.1,), here, twist, 0.01, ('hand', 'link7')),
+                   Volume('b', 'plane', (), here), Volume('c', 'box', (0.1, 0.2, 0.3), here,
+                                                          carried=True)], 0.03)
+    back = scene_of(scene_message(scene, FRAME, Marker().header.stamp))
+    assert back.names == ('a', 'b') and back.margin == 0.03
+    bits = {'hand': 1, 'link7': 2}
+    np.testing.assert_allclose(back.packed(bits), scene.packed(bits))
+    np.testing.assert_allclose(back.carried, scene.carried)
+    assert len(scene.carried) > 0
+
 @pytest.fixture
 def around(running):
-    """Publishes markers to server and arm, and removes all at the end."""
-    topics = [running.publisher(MarkerArray, f'{node}/scene') for node in (SERVER, ARM)]
+    """Publishes markers to the arm, from which the server has them, and removes all at the end."""
+    topic = running.publisher(MarkerArray, f'{ARM}/scene')
 
     def tell(*markers):
-        for topic in topics:
-            topic.publish(MarkerArray(markers=list(markers)))
+        topic.publish(MarkerArray(markers=list(markers)))
         running.spend(0.3)
     yield tell
     tell(Marker(action=Marker.DELETEALL))
@@ -93,11 +120,130 @@ def test_the_arm_reports_what_is_near_it_until_it_is_gone(running, around):
     around(brief)
     running.wait('its report', lambda: reports[-1].nearest.endswith(' and ball'), 5.0)
     running.wait('the end of its life', lambda: reports[-1].nearest == '', 5.0)
-    elsewhere = marker(Marker.SPHERE, place, (0.1, 0.1, 0.1), 'ball')
+    # Of a frame that nobody knows, and of one that /tf_static tells.
+    elsewhere = marker(Marker.SPHERE, [0.0, 0.0, 1.0], (0.1, 0.1, 0.1), 'ball')
     elsewhere.header.frame_id = 'camera'
     around(elsewhere)
-    running.wait('the refusal', lambda: "the frame is 'camera'" in reports[-1].last_refusal, 5.0)
-    assert "'camera'" in running.state.last_refusal
+    running.wait('the refusal', lambda: "frame 'camera' is not connected" in
+                 reports[-1].last_refusal, 5.0)
+    show_camera(running, place - [0.0, 0.0, 1.0], [1.0, 0.0, 0.0, 0.0])
+    around(elsewhere)
+    running.wait('its report', lambda: reports[-1].nearest.endswith(' and ball'), 5.0)
+    topic = running.publisher(MarkerArray, f'{SERVER}/scene')
+    topic.publish(MarkerArray(markers=[marker(Marker.ARROW)]))
+    running.wait('the refusal of the server', lambda: (
+        'is no volume' in running.state.last_refusal), 5.0)
+
+
+def show_camera(running, place, turn):
+    """Tell where the frame ``camera`` is."""
+    publisher = running.participant.publisher(TFMessage, '/tf_static', latched(1))
+    publisher.publish(TFMessage(transforms=[stamped_transform(
+        FRAME, 'camera', np.array([*place, *turn]))]))
+
+
+def cloud_message(running, points, frame='camera', **fields):
+    """A cloud with a field more than x, y and z, in rows that are longer than their points."""
+    table = np.zeros((4, len(points) // 4 + 2), np.dtype(
+        [('intensity', '<f4'), ('x', '<f4'), ('y', '<f4'), ('z', '<f4')]))
+    points = points[:4 * (len(points) // 4)].reshape(4, -1, 3)
+    for at, name in enumerate(('x', 'y', 'z')):
+        table[name][:, :points.shape[1]] = points[:, :, at]
+    message = PointCloud2(
+        height=4, width=points.shape[1], point_step=16, row_step=table.strides[0],
+        data=table.tobytes(), fields=[PointField(
+            name=name, offset=table.dtype.fields[name][1], datatype=PointField.FLOAT32, count=1)
+            for name in table.dtype.names])
+    message.header.frame_id, message.header.stamp = frame, stamp_of(running.client.clock.wall())
+    for name, value in fields.items():
+        setattr(message, name, value)
+    return message
+
+
+@pytest.fixture
+def seen(running, rng):
+    """
+    Shows clouds of a camera above the arm to it, ten in a second.
+
+    The arm is among the points; told what else there is, it shows that for some time.
+    """
+    turned = [0.0, 1.0, 0.0, 0.0]
+    eye = np.array([0.4, 0.0, 1.6, *turned])
+    show_camera(running, eye[:3], turned)
+    topic = running.publisher(PointCloud2, f'{ARM}/cloud')
+    topic.publish(cloud_message(running, np.ones((8, 3))))
+    running.spend(0.5)
+
+    def show(things, seconds=0.5, **fields):
+        arm = Arm()
+        capsules = placed(arm.chain, arm.shape, np.array(running.robot[-1].position))
+        on_arm = np.vstack([row[:3] + share * (row[3:6] - row[:3]) + [0.0, 0.0, row[6]]
+                            for row in capsules for share in np.linspace(0.0, 1.0, 30)])
+        on_arm = np.repeat(on_arm - eye[:3], 5, axis=0) * [1.0, -1.0, -1.0]
+        for _ in range(round(seconds / 0.1)):
+            points = np.vstack([on_arm, picture(things, rng, 30_000, pose=eye)])
+            topic.publish(cloud_message(running, points, **fields))
+            running.spend(0.1)
+    return show
+
+
+def test_a_cloud_becomes_boxes_without_the_arm_itself(running, seen):
+    scenes, reports = [], []
+    running.subscribe(Scene_, f'{ARM}/surroundings', lambda message: scenes.append(
+        scene_of(message)), late=True)
+    running.subscribe(ArmStatus, f'{ARM}/status', reports.append)
+    crate = box('crate', (0.3, 0.4, 0.15), (0.2, 0.1, 0.3))
+    seen([crate])
+    running.wait('the scene', lambda: scenes and len(scenes[-1]) > 0, 5.0)
+    found = scenes[-1]
+    assert all(name.startswith('cloud#') for name in found.names)
+    assert distances(found.packed(), [crate.pose[:3] + [0.0, 0.0, 0.14]])[0] < 0.01
+    # The arm is no obstacle of its own.
+    arm = Arm()
+    posture = np.array(running.robot[-1].position)
+    moving = arm.shape._replace(capsules=arm.shape.capsules[2:])
+    assert depths(arm.chain, moving, posture, found.packed()).max() < 0.0
+    assert reports[-1].nearest and reports[-1].blocked == ''
+    # Without a new cloud the arm is held; it goes on with the next one.
+    running.wait('the hold', lambda: reports[-1].scale == 0.0, 5.0)
+    seen([crate], 0.7)
+    running.wait('the end of the hold', lambda: reports[-1].scale == 1.0, 5.0)
+    for fields, reason in (
+            ({'frame': 'nowhere'}, "frame 'nowhere' is not connected"),
+            ({'is_bigendian': True}, 'big-endian'), ({'fields': []}, 'expected x, y and z'),
+            ({'width': 10_000_000}, 'do not fit'), ({'row_step': 3}, 'do not fit'),
+            ({'data': b''}, 'do not fit'), ({'height': 0, 'data': b''}, 'none of 0 points')):
+        seen([crate], 0.8, **fields)
+        assert reason in reports[-1].last_refusal
+    old = stamp_of(running.client.clock.wall())
+    running.spend(1.5)
+    topic = running.publisher(PointCloud2, f'{ARM}/cloud')
+    topic.publish(cloud_message(running, np.full((8, 3), np.nan)))
+    running.spend(0.3)
+    assert 'none of 8 points is finite' in reports[-1].last_refusal
+    late = cloud_message(running, np.ones((8, 3)))
+    late.header.stamp = old
+    topic.publish(late)
+    running.spend(0.3)
+    assert 'expected within 1 s' in reports[-1].last_refusal
+
+
+def test_what_is_locked_to_the_tool_is_carried(running, around):
+    scenes = []
+    running.subscribe(Scene_, f'{ARM}/surroundings', lambda message: scenes.append(
+        scene_of(message)), late=True)
+    held = marker(Marker.CUBE, [0.0, 0.0, 0.12], (0.04, 0.04, 0.04), 'cube', frame_locked=True)
+    held.header.frame_id = 'panda_hand'
+    around(held)
+    running.wait('the scene', lambda: scenes and 'cube' in scenes[-1], 5.0)
+    assert scenes[-1].names == () and scenes[-1]['cube'].carried
+    # The tool point is 0.1034 m before the hand.
+    np.testing.assert_allclose(scenes[-1]['cube'].pose[:3], [0.0, 0.0, 0.12 - 0.1034], atol=1e-6)
+    held.frame_locked = False
+    around(held)
+    running.wait('the scene', lambda: scenes[-1].names == ('cube',), 5.0)
+    here = running.tool()[:3]
+    assert np.linalg.norm(scenes[-1]['cube'].pose[:3] - here) < 0.02
 
 
 def test_joints_are_not_moved_through_something(running, around):

@@ -31,7 +31,7 @@ def test_a_file_is_read(tmp_path):
     scene.remove('post')
     assert len(scene) == 2 and 'post' not in scene
     with pytest.raises(DataError, match="no volume 'post'"):
-        scene.remove('post')
+        scene['post']
     with pytest.raises(DataError, match="no link 'hand'; it has link1"):
         scene.packed({'link1': 1})
 

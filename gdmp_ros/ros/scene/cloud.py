@@ -15,15 +15,13 @@ from gdmp_ros.ros.frames import FrameError
 from gdmp_ros.ros.lifecycle import ManagedNode
 from gdmp_ros.ros.middleware import deserialized
 from gdmp_ros.ros.parameters import Spec
-from gdmp_ros.ros.scene.topics import SceneTopics
+from gdmp_ros.ros.scene.topics import PATIENCE_S, SceneTopics
 from gdmp_ros.scene.points import PointMap
 from gdmp_ros.scene.scene import Scene
 from gdmp_ros.scene.volume import CAPACITY
 
 #: Most boxes of a cloud.
 MOST_BOXES = 24
-#: A cloud may wait this long for the transform at its stamp [s].
-PATIENCE_S = 0.5
 #: Larger ones are refused [bytes].
 MOST_BYTES = 64_000_000
 SPECS = (
@@ -35,9 +33,8 @@ SPECS = (
          changes='configure'),
     Spec('cloud_padding', 0.02, 'points within this distance of the arm, or of a known volume, '
          'belong to it', 'm', 0.0, 0.2, changes='configure'),
-    Spec('cloud_timeout', 1.0, 'a cloud older than this is not used; without a new one for this time the arm '
-         'stops', 's', 0.1, 60.0,
-         changes='configure'),
+    Spec('cloud_timeout', 1.0, 'a cloud older than this is not used; without a new one for this '
+         'time the arm stops', 's', 0.1, 60.0, changes='configure'),
 )
 
 
@@ -108,18 +105,9 @@ class CloudTopic:
 
     def look(self) -> None:
         """Use the newest cloud, if there is one; hold the arm if there is none for too long."""
-        received = None
-        # The newest alone: a flood of clouds costs no more than ten in a second.
-        while (newer := self._input.take()) is not None:
-            received = newer
         now = self._clock.now()
-        if received is not None:
-            try:
-                if len(received.data) > MOST_BYTES:
-                    raise DataError(f'{len(received.data)} bytes, expected at most {MOST_BYTES}')
-                self._waiting = deserialized(received.data, PointCloud2), now
-            except GdmpError as error:
-                self._refuse(f'~/cloud: {error}')
+        if self._waiting is None:
+            self._take(now)
         if self._waiting is not None:
             self._use(*self._waiting)
         age = (now - self._last) / NS
@@ -129,12 +117,25 @@ class CloudTopic:
             self._hold(held)
         self._held = held
 
+    def _take(self, now: int) -> None:
+        received = None
+        # The newest alone: a flood of clouds costs no more than ten in a second.
+        while (newer := self._input.take()) is not None:
+            received = newer
+        if received is None:
+            return
+        try:
+            if len(received.data) > MOST_BYTES:
+                raise DataError(f'{len(received.data)} bytes, expected at most {MOST_BYTES}')
+            self._waiting = deserialized(received.data, PointCloud2), now
+        except GdmpError as error:
+            self._refuse(f'~/cloud: {error}')
+
     def _use(self, message: PointCloud2, received: int) -> None:
         now = self._clock.now()
         try:
             pose = self._place_of(message.header)
         except FrameError as error:
-            # The transform may come yet.
             if (now - received) / NS > PATIENCE_S:
                 self._waiting = None
                 self._refuse(f'~/cloud: {error}')

@@ -10,7 +10,6 @@ import numpy as np
 from visualization_msgs.msg import Marker, MarkerArray
 
 from gdmp_ros.errors import DataError
-from gdmp_ros.manifolds.poses import compose
 from gdmp_ros.ros.messages import set_pose, set_vectors
 from gdmp_ros.scene.points import volumes_around
 from gdmp_ros.scene.scene import Scene

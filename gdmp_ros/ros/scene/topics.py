@@ -1,6 +1,7 @@
 """The topics of a scene: what others tell of the surroundings of an arm."""
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 import math
 from typing import Any
@@ -12,6 +13,7 @@ from gdmp_ros.errors import GdmpError
 from gdmp_ros.manifolds.poses import compose
 from gdmp_ros.manifolds.quaternion import rotation_between
 from gdmp_ros.realtime.loop import NS
+from gdmp_ros.ros.frames import FrameError
 from gdmp_ros.ros.lifecycle import ManagedNode
 from gdmp_ros.ros.parameters import Spec
 from gdmp_ros.ros.scene.messages import marker_name, volumes_of
@@ -20,6 +22,8 @@ from gdmp_ros.scene.volume import DEFAULT_MARGIN, Volume
 
 #: A volume that comes again within this time moves as it has moved since [s].
 AGAIN_S = 0.5
+#: Markers wait this long for the transform of their frame [s].
+PATIENCE_S = 0.5
 #: Slower ones rest: what a camera sees shakes [m/s, rad/s].
 RESTS_M_S, RESTS_RAD_S = 0.01, 0.1
 SPECS = (
@@ -58,6 +62,7 @@ class SceneTopics:
         self.scene, self._beside = self._told.copy(), dict[str, list[Volume]]()
         self._ends: dict[str, float] = {}
         self._seen: dict[str, float] = {}
+        self._waiting = deque[tuple[MarkerArray, float]]()
         if len(self.scene):
             use(self.scene)
         node.add_subscription(MarkerArray, '~/scene', self._on_markers, 10)
@@ -81,13 +86,26 @@ class SceneTopics:
         self.scene, self._told, self._beside = scene, told, beside
 
     def _on_markers(self, message: MarkerArray) -> None:
-        told, now = self._told.copy(), self._node.clock.now() / NS
-        try:
-            for marker in message.markers:
-                self._take(told, marker, now)
-            self._change(told)
-        except GdmpError as error:
-            self._refuse(f'~/scene: {error}')
+        # In their order.
+        self._waiting.append((message, self._node.clock.now() / NS + PATIENCE_S))
+        self._read()
+
+    def _read(self) -> None:
+        """Take the markers that have come, as far as their frames are known."""
+        while self._waiting:
+            message, latest = self._waiting[0]
+            told, now = self._told.copy(), self._node.clock.now() / NS
+            try:
+                for marker in message.markers:
+                    self._take(told, marker, now)
+                self._change(told)
+            except FrameError as error:
+                if now < latest:
+                    return
+                self._refuse(f'~/scene: {error}')
+            except GdmpError as error:
+                self._refuse(f'~/scene: {error}')
+            self._waiting.popleft()
 
     def _take(self, told: Scene, marker: Marker, now: float) -> None:
         if marker.action == Marker.DELETEALL:
@@ -127,7 +145,8 @@ class SceneTopics:
         return twist
 
     def _forget(self) -> None:
-        """Remove what has outlived its lifetime."""
+        """Remove what has outlived its lifetime, and read what has waited."""
+        self._read()
         now = self._node.clock.now() / NS
         gone = [name for name, ends in self._ends.items() if ends < now]
         if not gone:
