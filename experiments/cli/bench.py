@@ -13,6 +13,7 @@ spd          both connections on SPD(2) to SPD(20), explicit transport, pymanopt
 stiffness    a stiffness that is streamed, beside a fixed one, on an arm that takes positions
 improve      improvement from the cost of roll-outs: two demonstrations of dmpbbo, and CMA-ES
 stream       the lateness of the nodes, compared with a bare loop (needs ROS)
+clouds       the CPU load of an arm that follows clouds of points (needs ROS)
 loop         the closed-loop simulation against real time, without ROS
 franka       a cycle of a Franka over its protocol, compared with a client that only reads
 all          everything, with pictures
@@ -42,7 +43,7 @@ if TYPE_CHECKING:
 
 #: Benches; the module of each in `experiments.bench` has its name.
 SUBJECTS = ('step', 'learn', 'accuracy', 'goal-switch', 'tempo', 'noise', 'takes',
-            'generalise', 'spd', 'improve', 'stiffness', 'stream', 'tick', 'franka')
+            'generalise', 'spd', 'improve', 'stiffness', 'stream', 'clouds', 'tick', 'franka')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -56,7 +57,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='of every timing, at least 7; the median is reported (default '
                              '%(default)s)')
     parser.add_argument('--seconds', type=number(above=0.0, high=86400.0), default=60.0,
-                        metavar='S', help='duration of stream [s] (default %(default)s)')
+                        metavar='S', help='duration of stream, and of each part of clouds [s] '
+                        '(default %(default)s)')
     parser.add_argument('--class', dest='classes', action='append', metavar='CLASS',
                         help='LASA class for accuracy, may be repeated (default: all 30)')
     parser.add_argument('--n-basis', type=int, default=60, metavar='N',
