@@ -145,7 +145,7 @@ def cube_and_box(spec: mujoco.MjSpec, cube: np.ndarray, box: np.ndarray) -> None
 def _add_cube(spec: mujoco.MjSpec, where: np.ndarray) -> None:
     half = 0.5 * CUBE_EDGE
     cube = spec.worldbody.add_body(name='cube', pos=where[:3], quat=where[3:])
-    cube.add_freejoint()
+    cube.add_freejoint(name='cube')
     cube.mass, cube.explicitinertial, cube.ipos = CUBE_MASS, True, [0.0, 0.0, 0.0]
     cube.inertia = [CUBE_MASS * CUBE_EDGE ** 2 / 6.0] * 3
     # It collides with the arm and with what is solid.

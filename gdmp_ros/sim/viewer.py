@@ -55,9 +55,10 @@ class Stage:
 
     @classmethod
     def of_world(cls, path: str) -> Stage:
-        """:raises DataError: if the file (MJCF) cannot be read"""
+        """:raises DataError: if the file (MJCF, or a compiled model, .mjb) cannot be read"""
         try:
-            return cls(mujoco.MjModel.from_xml_path(path))
+            return cls(mujoco.MjModel.from_binary_path(path) if path.endswith('.mjb')
+                       else mujoco.MjModel.from_xml_path(path))
         except (ValueError, OSError) as error:
             raise DataError(f'{path}: cannot load the model: {error}') from None
 

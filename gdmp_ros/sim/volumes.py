@@ -18,13 +18,21 @@ _COLOUR = [0.85, 0.45, 0.2, 0.8]
 FAR = 1.0
 
 
-def add_volumes(scene: Scene) -> Callable[[mujoco.MjSpec], None]:
-    """What adds the volumes of a scene to a simulated robot (`Arm`), as bodies of their names."""
+def add_volumes(scene: Scene, free: bool = False) -> Callable[[mujoco.MjSpec], None]:
+    """
+    What adds the volumes of a scene to a simulated robot (`Arm`), as bodies of their names.
+
+    :param free: they have joints of their names, and fall; otherwise they are where they are put
+    """
     def add(spec: mujoco.MjSpec) -> None:
-        for volume in scene:
+        for volume in scene.around:
             pose = volume.centre
-            body = spec.worldbody.add_body(name=volume.name, mocap=True, pos=pose[:3],
+            body = spec.worldbody.add_body(name=volume.name, mocap=not free, pos=pose[:3],
                                            quat=pose[3:])
+            if free:
+                body.add_freejoint(name=volume.name)
+                body.mass, body.explicitinertial = 1.0, True
+                body.ipos, body.inertia = [0.0, 0.0, 0.0], [0.01] * 3
             size = np.zeros(3)
             if volume.kind == 'capsule':
                 size[:2] = volume.radius, volume.half[2]
@@ -67,7 +75,7 @@ class VolumeBodies:
     def __init__(self, arm: Arm, scene: Scene):
         """:param scene: that was added to the arm, `add_volumes`"""
         self._arm, model = arm, arm.model
-        self._geoms = {model.geom(volume.name).id: volume.name for volume in scene}
+        self._geoms = {model.geom(volume.name).id: volume.name for volume in scene.around}
         root = model.body_rootid[arm.tool_body]
         self._links = [geom for geom in range(model.ngeom)
                        if model.body_rootid[model.geom_bodyid[geom]] == root
