@@ -57,22 +57,28 @@ class _Path(NamedTuple):
     turns: np.ndarray
 
 
-def detour(skill: Skill, scene: Scene, tool: Tool, lowest: float = 0.0) -> Detour:
+def detour(skill: Skill, scene: Scene, tool: Tool, lowest: float = 0.0,
+           start: np.ndarray | None = None, goal: np.ndarray | None = None) -> Detour:
     """
     Return the skill with a path around the volumes of a scene.
+
+    One with task frames becomes a plain one, with the frames where they are.
 
     :param skill: with a position, and usually an orientation; not rhythmic
     :param scene: in the frame of the skill
     :param tool: shape that must not come nearer than the margins
     :param lowest: height below which no way is searched, unless the path is there [m]
+    :param start: point; its own by default
+    :param goal: the same
+    :returns: with the skill that was given, if its path is free
     :raises BlockedError: if there is no way
-    :raises DataError: for a skill that has no position, repeats a cycle, or has task frames
+    :raises DataError: for a skill that has no position, or repeats a cycle
     """
     if not leads_around(skill):
         raise DataError('only a skill with a position in three dimensions is led around '
-                        'obstacles, not a rhythmic one, or one with task frames')
+                        'obstacles, not a rhythmic one')
     volumes, tool = scene.packed(tool.bits), tool.carrying(scene.carried)
-    path = _sampled(skill)
+    path = _sampled(skill, start, goal)
     left, which = clearances(volumes, tool, path.positions, path.turns)
     if left.min() > 0.0:
         return Detour(skill, (), float(left.min()), 1.0)
@@ -107,19 +113,19 @@ def _part(skill: Skill, name: str) -> slice | None:
 
 
 def leads_around(skill: Skill) -> bool:
-    """Whether a skill can be led around anything: a plain one of a position."""
+    """Whether a skill can be led around anything: one of a position that is not rhythmic."""
     part = _part(skill, 'position')
-    return (part is not None and part.stop - part.start == 3 and not skill.rhythmic
-            and not skill.views)
+    return (part is not None and part.stop - part.start == 3 and not skill.rhythmic)
 
 
 def _mm(distance: float) -> str:
     return f'{-1e3 * distance:.0f} mm'
 
 
-def _sampled(skill: Skill) -> _Path:
+def _sampled(skill: Skill, start: np.ndarray | None = None, goal: np.ndarray | None = None
+             ) -> _Path:
     times = np.linspace(0.0, skill.duration, SAMPLES)
-    points = skill.rollout().sample(times).points.reshape(SAMPLES, -1)
+    points = skill.rollout(start=start, goal=goal).sample(times).points.reshape(SAMPLES, -1)
     orientation = _part(skill, 'orientation')
     turns = (np.array([1.0, 0.0, 0.0, 0.0]) if orientation is None
              or orientation.stop - orientation.start != 4 else points[:, orientation])

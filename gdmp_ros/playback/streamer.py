@@ -8,7 +8,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from gdmp_ros.control.modes import StreamMode
-from gdmp_ros.dmp.sequence import SkillSequence
+from gdmp_ros.dmp.sequence import MotionStep, SkillSequence
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.playback.bounds import NOTHING, StreamBounds
@@ -223,7 +223,7 @@ class Streamer:
         if goal_pose is not None:
             goal = self._goals.place_for(tool, goal_pose, goal)
         self._goals.check_reach(tool, goal)
-        if tool.kind is Kind.TOOL and goal_after <= 0.0:
+        if tool.kind is Kind.TOOL and goal_after <= 0.0 and not followed:
             led = self.surroundings.led(tool.skill, tool.start_at(measured), tool.changed(
                 tool.skill.goal, None if goal_pose is None else goal, factor))
             if led is not tool.skill:
@@ -252,6 +252,16 @@ class Streamer:
             player.avoid(self.surroundings.moved, self.surroundings.radius)
         self.called()
 
+    def _led_steps(self, sequence: SkillSequence, first: int) -> SkillSequence:
+        """A sequence whose motions, if they are of the tool, are led around the scene."""
+        sequence.check_index(first)
+        tools = [StreamedSkill(step.skill, self._player_settings)
+                 for step in sequence.steps[first:] if isinstance(step, MotionStep)]
+        if not tools or any(tool.kind is not Kind.TOOL for tool in tools):
+            return sequence
+        return self.surroundings.led_steps(sequence, first, self._start_place(tools[0]),
+                                           self._player_settings)
+
     def begin_sequence(self, sequence: SkillSequence, first: int = 0) -> None:
         """
         Start a sequence, from the present motion if there is one.
@@ -261,7 +271,7 @@ class Streamer:
         """
         if not self.active:
             raise ParameterError('the node is not active')
-        sequence = self.objects.place_steps(sequence, self.time)
+        sequence = self._led_steps(self.objects.place_steps(sequence, self.time), first)
         prepared = self.sequence.prepare(sequence, first, self._player_settings, self._goals.check)
         tool = prepared.first_tool
         measured = self._start_place(tool)

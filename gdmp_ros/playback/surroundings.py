@@ -1,10 +1,15 @@
 """What is around the tool of a server: motions are led around it, and bend around what moves."""
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
+from gdmp_ros.dmp.sequence import MotionStep, SkillSequence
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.learning.detour import detour, leads_around
+from gdmp_ros.playback.settings import PlayerSettings
+from gdmp_ros.playback.streamed_skill import StreamedSkill
 from gdmp_ros.scene.route import Tool
 from gdmp_ros.scene.scene import Scene
 
@@ -39,10 +44,33 @@ class Surroundings:
         self._known, self.around = self.scene.copy(), ()
         if self.tool is None or not len(self.scene.names) or not leads_around(skill):
             return skill
-        changed = skill.between(start=start, goal=goal)
-        found = detour(changed, self._known, self.tool)
+        found = detour(skill, self._known, self.tool, start=start, goal=goal)
         self.around = found.around
-        return found.skill if found.around else skill
+        return found.skill
+
+    def led_steps(self, sequence: SkillSequence, first: int, place: np.ndarray | None,
+                  settings: PlayerSettings) -> SkillSequence:
+        """
+        The same for the motions of a sequence, with the scene as it is when that begins.
+
+        :param first: index of the step that it begins with
+        :param place: where that begins; None for the start of the first skill
+        """
+        steps, names = list(sequence.steps), list[str]()
+        for index, step in enumerate(steps):
+            if index < first or not isinstance(step, MotionStep):
+                continue
+            skill, tool = step.skill, StreamedSkill(step.skill, settings)
+            start = None if place is None else tool.changed(skill.start, place)
+            led = self.led(skill, start, step.goal)
+            if led is not skill:
+                longer = led.duration / skill.duration
+                steps[index] = replace(step, skill=led, goal=None, duration=(
+                    None if step.duration is None else step.duration * longer))
+            names += self.around
+            place = tool.place_of(skill.goal if step.goal is None else step.goal)
+        self.around = tuple(dict.fromkeys(names))
+        return SkillSequence(steps, sequence.name)
 
     @property
     def moved(self) -> Scene:

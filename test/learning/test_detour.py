@@ -11,6 +11,7 @@ from gdmp_ros.scene.route import clearances, Tool
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.tool_shape import tool_of
 from gdmp_ros.util.profiles import minimum_jerk
+from test.dmp.test_frames import ELSEWHERE, shown
 from test.motions import circles, motion
 
 BALL = Tool.ball(0.04)
@@ -79,3 +80,36 @@ def test_the_arm_gets_past_a_wall_and_out_of_a_trap(draw, rng):
     trial = tool_trial(*draw(rng, tool_of(Arm())))
     assert trial.exists and not trial.named and trial.contacts == 0
     assert trial.off < 0.005 and trial.least > 0.02 and trial.seconds < 2.0
+
+
+def test_it_is_led_between_other_ends_and_with_its_frames_where_they_are():
+    skill = line(START, GOAL, np.zeros(3))
+    start, goal = skill.start + [0.0, 0.0, 0.05, 0, 0, 0, 0], skill.goal + [0.1, 0, 0, 0, 0, 0, 0]
+    found = detour(skill, Scene([post(0.5)]), BALL, start=start, goal=goal).skill
+    np.testing.assert_allclose(found.rollout().sample(
+        np.array([0.0, found.duration])).points, [start, goal], atol=2e-3)
+    framed = Skill.learn(shown()).with_frames(ELSEWHERE)
+    way = framed.rollout().sample(np.linspace(0.0, framed.duration, 200)).points
+    stands = post(*way[100, :2])
+    led = detour(framed, Scene([stands]), BALL)
+    assert led.around == ('post',) and not led.skill.views
+    np.testing.assert_allclose(led.skill.rollout().sample(
+        np.array([0.0, led.skill.duration])).points, way[[0, -1]], atol=3e-3)
+
+
+def test_what_the_tool_carries_needs_room_and_what_it_may_touch_does_not_block():
+    skill = line(START, GOAL, np.zeros(3))
+    # It passes over the box; a stick that it carries does not.
+    low = Volume('low', 'box', (0.3, 0.1, 0.1), np.array([0.45, 0.0, 0.15, 1.0, 0.0, 0.0, 0.0]))
+    stick = Volume('stick', 'capsule', (0.01, 0.3), np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]),
+                   carried=True)
+    assert detour(skill, Scene([low]), BALL).around == ()
+    assert detour(skill, Scene([low, stick]), BALL).around == ('low',)
+    tool = tool_of(Arm())
+    assert {'hand', 'left_finger'} <= tool.links and 'link4' not in tool.links
+    goal = skill.goal[:3] - [0.0, 0.0, 0.04]
+    cube = Volume('cube', 'box', (0.04, 0.04, 0.04), np.array([*goal, 1.0, 0.0, 0.0, 0.0]))
+    with pytest.raises(BlockedError, match='blocked by cube: the tool is .* at the goal'):
+        detour(skill, Scene([cube]), tool)
+    may = Volume('cube', 'box', cube.size, cube.pose, allowed=tuple(tool.links))
+    assert detour(skill, Scene([may]), tool).around == ()

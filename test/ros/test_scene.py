@@ -1,5 +1,5 @@
 """What is around the arm, by ``~/scene``: to the server and to the arm."""
-from gdmp_msgs.action import ExecuteSkill
+from gdmp_msgs.action import ExecuteSequence, ExecuteSkill
 from gdmp_msgs.msg import ArmStatus
 from gdmp_msgs.msg import Scene as Scene_
 from geometry_msgs.msg import Point
@@ -283,3 +283,31 @@ def test_a_motion_is_led_around_what_is_in_its_way_or_refused(running, around, s
     around(Marker(action=Marker.DELETEALL))
     running.client.execute()
     assert running.client.result(60.0).error_code == ExecuteSkill.Result.SUCCESSFUL
+
+
+def test_the_motions_of_a_sequence_are_led_around_too(running, around, skill, tmp_path):
+    """There and back: both ways are blocked, and the second one begins where the first ends."""
+    back = line(skill.goal[:3], skill.start[:3], np.zeros(3))
+    skill.save(tmp_path / 'there.json')
+    back.save(tmp_path / 'back.json')
+    (tmp_path / 'both.yaml').write_text(
+        'steps:\n  - {skill: there.json}\n  - {skill: back.json}\n')
+    middle = 0.5 * (skill.start[:3] + skill.goal[:3])
+    ball = Volume('ball', 'sphere', (0.03,), np.array([*middle, 1.0, 0.0, 0.0, 0.0]))
+    around(marker(Marker.SPHERE, middle, (0.06, 0.06, 0.06), 'ball'))
+    running.listen()
+    running.robot.clear()
+    running.client.execute_sequence(str(tmp_path / 'both.yaml'), 1)
+    result = running.client.result(60.0)
+    assert result.error_code == ExecuteSequence.Result.SUCCESSFUL, result.error_string
+    # Not only the arm goes around it: the references do.
+    asked = np.array([[one.pose.position.x, one.pose.position.y, one.pose.position.z]
+                      for one in running.references[::10]])
+    assert np.linalg.norm(asked - middle, axis=1).min() > 0.05
+    arm, rows = Arm(), Scene([ball]).packed()
+    states = [running.robot[k] for k in range(0, len(running.robot), 20)]
+    postures = [np.array(state.position) for state in states]
+    assert max(depths(arm.chain, arm.shape, one, rows).max() for one in postures) < 0.0
+    way = np.array([[state.pose.position.x, state.pose.position.y] for state in states])
+    assert np.linalg.norm(way - skill.goal[:2], axis=1).min() < 0.01
+    assert np.linalg.norm(way[-1] - skill.start[:2]) < 0.01
