@@ -2,10 +2,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 import gc
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 import os
 from pathlib import Path
 import platform
@@ -122,8 +122,16 @@ def step_time(method: Baseline, cycles: int = 500) -> float:
     return median_time(prepare, cycles, 7)
 
 
+#: Libraries that are measured for comparison.
+PEERS = ('movement_primitives', 'pymanopt', 'cma')
+
+
 def environment() -> dict[str, object]:
-    """Versions and machine."""
-    return {'gdmp_ros': __version__, 'python': platform.python_version(),
+    """Versions, also of the libraries that are measured for comparison, and machine."""
+    found = {}
+    for peer in PEERS:
+        with suppress(PackageNotFoundError):
+            found[peer] = version(peer)
+    return {**found, 'gdmp_ros': __version__, 'python': platform.python_version(),
             'numpy': np.__version__, 'numba': version('numba'), 'machine': platform.machine(),
             'kernel': platform.release(), 'cpus': os.cpu_count()}

@@ -10,6 +10,8 @@ takes        several takes of real tasks, each left out once (needs the data: --
 generalise   task frames: takes between two frames, done in the frames of others, beside the
              published results of other methods (needs the data: --frames)
 spd          both connections on SPD(2) to SPD(20), explicit transport, pymanopt's maps
+obstacles    past volumes: a way that is searched, the bend, potentials of Ginesi et al., and
+             movement_primitives
 stiffness    a stiffness that is streamed, beside a fixed one, on an arm that takes positions
 improve      improvement from the cost of roll-outs: two demonstrations of dmpbbo, and CMA-ES
 stream       the lateness of the nodes, compared with a bare loop (needs ROS)
@@ -43,7 +45,8 @@ if TYPE_CHECKING:
 
 #: Benches; the module of each in `experiments.bench` has its name.
 SUBJECTS = ('step', 'learn', 'accuracy', 'goal-switch', 'tempo', 'noise', 'takes',
-            'generalise', 'spd', 'improve', 'stiffness', 'stream', 'clouds', 'tick', 'franka')
+            'generalise', 'spd', 'improve', 'obstacles', 'stiffness', 'stream', 'clouds', 'tick',
+            'franka')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

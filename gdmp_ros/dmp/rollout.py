@@ -313,8 +313,8 @@ class Rollout:
         """
         self.motion.scalars.slowdown = 1.0 / (1.0 + self._options.phase_stopping * error)
 
-    def set_obstacles(self, positions: np.ndarray | Scene, gain: float = 1000.0,
-                      reach: float = 0.2, bound: float = 5.0, keep: float = 0.0) -> None:
+    def set_obstacles(self, positions: np.ndarray | Scene, gain: float = 2e4,
+                      reach: float = 0.2, bound: float = 20.0, keep: float = 0.0) -> None:
         """
         Avoid obstacles with the first Euclidean factor from now on; none ends it.
 

@@ -31,8 +31,6 @@ from gdmp_ros.scene.scene import Scene
 
 #: Requests that may wait for the next tick.
 MAX_WAITING = 1000
-#: How a motion bends around what moves (`Rollout.set_obstacles`).
-BEND_GAIN, BEND_REACH, BEND_LIMIT = 3000.0, 0.25, 10.0
 #: Smallest initial tempo of a motion that takes over from another one.
 LEAST_SPEED = 0.1
 # Looked up once: this is done in every tick.
@@ -705,7 +703,7 @@ class Player:
     def _avoid(self, scene: Scene, keep: float) -> None:
         rollout = self.rollout
         if rollout is not None and rollout.motion.sizes.position > 0 and not rollout.skill.views:
-            rollout.set_obstacles(scene, BEND_GAIN, BEND_REACH, BEND_LIMIT, keep)
+            rollout.set_obstacles(scene, keep=keep)
 
     def _rest_frame(self, name: str) -> None:
         if self._pending is None and self.rollout is not None:

@@ -50,6 +50,7 @@ class Bringup:
     :ivar model: of the arm, as for ``panda_sim``
     :ivar window: whether the simulation has a window
     :ivar logs: folder for the output of the nodes; None for a temporary one
+    :ivar scene: file of what stands around the arm; None for nothing
     """
 
     skill: Path | None
@@ -59,6 +60,7 @@ class Bringup:
     gripper: bool = False
     window: bool = False
     logs: Path | None = None
+    scene: Path | None = None
 
 
 def up(settings: Bringup) -> None:
@@ -129,7 +131,9 @@ def _is_ready(client: ServerClient) -> bool:
 def _start(children: ChildProcesses, settings: Bringup) -> None:
     arm = settings.arm
     model = {'model': settings.model} if arm.kind == 'sim' else {}
-    start_arm(children, arm, settings.gripper, model, settings.window)
+    # The server has it from the arm.
+    scene = {} if settings.scene is None else {'scene_file': str(settings.scene.absolute())}
+    start_arm(children, arm, settings.gripper, {**model, **scene}, settings.window)
     children.start_node(SERVER, MODULES[SERVER], {
         **arm.server_parameters(), **({'reach_model': settings.model} if model else {}),
         **({} if settings.skill is None else {'skill': str(settings.skill.absolute())})})
