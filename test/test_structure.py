@@ -21,7 +21,7 @@ ONLY_IN = {'rclpy': {'ros'}, 'mujoco': {'sim'}, 'pylibfranka': {'franka'},
 LISTS = {
     'gdmp_ros.cli.program': [f'gdmp_ros.cli.{name.replace(" ", "_")}' for name in PROGRAM.verbs],
     'gdmp_ros.ros.gripper': [], 'gdmp_ros.ros.recorder.record': [],
-    'gdmp_ros.sim.model_sources': [],
+    'gdmp_ros.ros.scene.moveit': [], 'gdmp_ros.sim.model_sources': [],
 }
 
 

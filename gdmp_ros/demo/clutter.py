@@ -7,7 +7,6 @@ from typing import Any
 
 from builtin_interfaces.msg import Time
 from gdmp_msgs.msg import GripperState
-import mujoco
 import numpy as np
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker, MarkerArray
@@ -21,6 +20,7 @@ from gdmp_ros.ros.scene.messages import markers_of
 from gdmp_ros.scene.scene import Scene
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.gripper import add_gripper, FINGERS
+from gdmp_ros.sim.replay import Replay
 from gdmp_ros.sim.scenes import CLUTTER, CUBE_EDGE, pick_and_place, PUSHED
 from gdmp_ros.sim.tool_shape import tool_frames
 from gdmp_ros.sim.volumes import add_volumes, VolumeBodies
@@ -107,31 +107,27 @@ class Clutter:
         return marker
 
 
-class Replay:
+class Recorded:
     """What a run looked like: the arm, the cube and the objects at any time of it."""
 
     def __init__(self, run: Run, clutter: Clutter, model: str):
         """:param model: of the arm; empty: the built-in Panda"""
         self._run, self._clutter = run, clutter
-        self.arm = Arm(model, extras=[add_gripper, pick_and_place,
-                                      add_volumes(CLUTTER, free=True)])
-        self.bodies = VolumeBodies(self.arm, CLUTTER)
+        arm = Arm(model, extras=[add_gripper, pick_and_place, add_volumes(CLUTTER, free=True)])
+        self._replay, self._bodies = Replay(arm), VolumeBodies(arm, CLUTTER)
 
     def show(self, stamp: int) -> np.ndarray:
         """Put everything where it was at a time [ns]; all positions."""
-        run, data = self._run, self.arm.data
-        joints = run.joints[max(int(np.searchsorted(run.state_stamps, stamp)) - 1, 0)]
-        data.qpos[:len(joints)] = joints
-        width = _last(self._clutter.widths, stamp)
-        for name in FINGERS if width is not None else ():
-            data.joint(name).qpos[:] = 0.5 * width
-        places = {'cube': _last(self._clutter.cubes, stamp), **{
-            volume.name: volume.pose for volume in _last(self._clutter.told, stamp) or ()}}
-        for name, pose in places.items():
-            if pose is not None:
-                data.joint(name).qpos[:] = pose
-        mujoco.mj_forward(self.arm.model, data)
-        return data.qpos.copy()
+        run, clutter = self._run, self._clutter
+        width, cube, scene = (_last(rows, stamp) for rows in (
+            clutter.widths, clutter.cubes, clutter.told))
+        places = {volume.name: volume.pose for volume in scene or ()}
+        if width is not None:
+            places.update(dict.fromkeys(FINGERS, 0.5 * width))
+        if cube is not None:
+            places['cube'] = cube
+        return self._replay.show(
+            run.joints[max(int(np.searchsorted(run.state_stamps, stamp)) - 1, 0)], places)
 
     def _stamps(self, every: float) -> np.ndarray:
         return np.arange(self._run.state_stamps[0], self._run.state_stamps[-1],
@@ -142,8 +138,8 @@ class Replay:
         least, contacts = np.inf, 0
         for stamp in self._stamps(DISTANCE_S):
             self.show(int(stamp))
-            least = min(least, self.bodies.least())
-            contacts += bool(self.bodies.contacts())
+            least = min(least, self._bodies.least())
+            contacts += bool(self._bodies.contacts())
         return {'least_m': float(least), 'margin_m': CLUTTER.margin, 'contacts': contacts}
 
     def film(self, target: Path) -> None:
@@ -151,7 +147,7 @@ class Replay:
         print(f'drawing {target}', flush=True)
         rows = np.array([self.show(int(stamp)) for stamp in self._stamps(PICTURE_S)])
         world = target.with_suffix('.mjb')
-        mujoco.mj_saveModel(self.arm.model, str(world))
+        self._replay.save(world)
         try:
             missing = render_to(target, rows, self._run.poses[::100, :3], world, PICTURE_S,
                                 whole=True)
@@ -180,8 +176,8 @@ def execute(bed: NodeTestbed, task: Callable[[Clutter], dict[str, Any]]) -> dict
         document = task(clutter)
     finally:
         clutter.end()
-    replay = Replay(bed.recorded(), clutter, bed.arm.model)
-    document['clearance'] = replay.clearance()
+    recorded = Recorded(bed.recorded(), clutter, bed.arm.model)
+    document['clearance'] = recorded.clearance()
     document['succeeded'] = bool(document['succeeded'] and not document['clearance']['contacts'])
-    replay.film(bed.folder / 'film.webp')
+    recorded.film(bed.folder / 'film.webp')
     return document
