@@ -9,6 +9,7 @@ PROGRAM = Program('python -m experiments', 'experiments.cli', 'Measure what the 
         'soak': 'operate the nodes for a long time and watch them',
         'limits': 'try the control of an arm at its limits',
         'obstacles': 'put things in the way of skills and of an arm',
+        'film': 'make the film of the first page from recorded runs',
         'franka': 'let a Franka follow a letter again and again, over its protocol',
         'edges': 'try learning where data are bad',
         'requests': 'try random sequences of requests to a server and to an arm',

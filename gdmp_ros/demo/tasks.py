@@ -20,6 +20,7 @@ from gdmp_ros.data.runs import limit_figures, Run
 from gdmp_ros.data.skills import LearningSettings, skill_from_bags
 from gdmp_ros.demo import clutter
 from gdmp_ros.demo.objects import Camera, follow_objects, home_pose, motion, PLACES
+from gdmp_ros.demo.recorded import topics_beside
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.manifolds.poses import tool_manifold
@@ -28,7 +29,14 @@ from gdmp_ros.ros.arm_choice import ArmChoice, FRANKA_GRIPPER
 from gdmp_ros.ros.clients.arm_client import move_joints, with_friction
 from gdmp_ros.ros.clients.server_client import START_UP_S
 from gdmp_ros.ros.clients.teaching import Teacher
-from gdmp_ros.ros.clients.testbed import MODULES, NodeTestbed, Opener, process_bed, TAKE_RECORDER
+from gdmp_ros.ros.clients.testbed import (
+    ARM,
+    MODULES,
+    NodeTestbed,
+    Opener,
+    process_bed,
+    TAKE_RECORDER,
+)
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.closed_loop import ClosedLoop
 from gdmp_ros.sim.scenes import cloth_table, CUBE_EDGE, PICK, PLACE
@@ -130,7 +138,9 @@ def _teach(bed: NodeTestbed, task: str, arm: ArmChoice) -> None:
     bed.start_arm(world=_world('pick' if task == 'clutter' else task), **arm.shown_on)
     bed.children.start_node(TAKE_RECORDER, MODULES[TAKE_RECORDER], {
         'folder': str(bed.folder / 'takes'),
-        'also': ['/joint_states=sensor_msgs/msg/JointState'] if task == 'joints' else [''],
+        'also': (['/joint_states=sensor_msgs/msg/JointState'] if task == 'joints' else
+                 [f'/{ARM}/state=gdmp_msgs/msg/RobotState', *topics_beside(ARM)[:2]]
+                 if task == 'clutter' else ['']),
         'transforms': task == 'objects'})
     teacher, home = Teacher(arm.frame, check=bed.check), home_pose(arm.model)
     try:
@@ -160,11 +170,14 @@ def _world(task: str) -> dict[str, Any]:
 
 def _among_objects(bed: NodeTestbed) -> dict[str, Any]:
     _start(bed, 'objects', moving_objects=['hole'])
+    bed.record(arguments=topics_beside(bed.arm.node)[:1])
 
     def home() -> None:
         move_joints(bed.client, bed.arm.node)
         bed.wait_holding()
-    return follow_objects(bed, home)
+    document = follow_objects(bed, home)
+    bed.end_recording()
+    return document
 
 
 def _start(bed: NodeTestbed, task: str, **server: Any) -> None:
@@ -179,7 +192,8 @@ def _start(bed: NodeTestbed, task: str, **server: Any) -> None:
 
 
 def _among_clutter(bed: NodeTestbed) -> dict[str, Any]:
-    return clutter.execute(bed, lambda among: _pick(bed, 'clutter', bed.record, among.push))
+    return clutter.execute(bed, lambda among: _pick(
+        bed, 'clutter', lambda: bed.record(arguments=topics_beside(bed.arm.node)), among.push))
 
 
 def _pick(bed: NodeTestbed, task: str = 'pick', begin: Callable[[], None] = lambda: None,

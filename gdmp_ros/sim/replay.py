@@ -22,12 +22,14 @@ class Replay:
         Put everything somewhere; all positions.
 
         :param joints: of the arm [rad]
-        :param places: positions of joints by their names [m, rad]; poses of free things
+        :param places: positions of joints by their names [m, rad]; poses of free things; those
+            that the model does not have are left out
         """
         data = self.arm.data
         data.qpos[:len(joints)] = joints
         for name, place in places.items():
-            data.joint(name).qpos[:] = place
+            if mujoco.mj_name2id(self.arm.model, mujoco.mjtObj.mjOBJ_JOINT, name) >= 0:
+                data.joint(name).qpos[:] = place
         mujoco.mj_forward(self.arm.model, data)
         return np.array(data.qpos)
 

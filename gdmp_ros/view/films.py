@@ -5,7 +5,7 @@ The process is needed because the off-screen backend must be chosen before MuJoC
 """
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from fractions import Fraction
 import os
 from pathlib import Path
@@ -25,7 +25,7 @@ _REFUSED = 3
 
 
 def render_to(target: Path, joints: np.ndarray, path: np.ndarray, model: str | Path = '',
-              frame_s: float = 0.05, *, whole: bool = False,
+              frame_s: float = 0.05, *, whole: bool = False, caption: str = '',
               environment: Mapping[str, str] | None = None) -> str | None:
     """
     Write a picture (``.png``) or a film (``.webp``, ``.gif``, ``.mp4``).
@@ -36,11 +36,13 @@ def render_to(target: Path, joints: np.ndarray, path: np.ndarray, model: str | P
     :param frame_s: time between the frames of a film [s]
     :param whole: whether the model is a whole world, in which ``joints`` are the positions of
         everything (`gdmp_ros.sim.two_arms`)
+    :param caption: below the pictures
     :returns: what to install if off-screen rendering is not possible, otherwise None
     :raises DataError: if the film cannot be written
     """
     numbers = target.with_name(f'.{target.stem}.npz')
-    np.savez(numbers, joints=joints, path=path, model=str(model), frame_s=frame_s, whole=whole)
+    np.savez(numbers, joints=joints, path=path, model=str(model), frame_s=frame_s, whole=whole,
+             caption=caption)
     try:
         for backend in BACKENDS:
             done = subprocess.run(
@@ -58,6 +60,24 @@ def render_to(target: Path, joints: np.ndarray, path: np.ndarray, model: str | P
             f'({output[-1] if output else "no reason was given"})')
 
 
+def join(target: Path, films: Sequence[Path], frame_s: float) -> None:
+    """
+    Write films one after another as one.
+
+    :param films: ``.webp``
+    :param frame_s: time between their pictures [s]
+    """
+    from PIL import Image
+
+    def images() -> Iterator[Any]:
+        for path in films:
+            with Image.open(path) as film:
+                for number in range(getattr(film, 'n_frames', 1)):
+                    film.seek(number)
+                    yield film.convert('RGB')
+    (_h264 if target.suffix == '.mp4' else _pillow)(target, images(), frame_s)
+
+
 def main(numbers: str, target: str) -> int:
     """Render the postures in the file ``numbers`` of `render_to`."""
     from PIL import Image
@@ -70,7 +90,7 @@ def main(numbers: str, target: str) -> int:
             film = given['joints'].ndim == 2
             stage = (Stage.of_world if given['whole'] else Stage.of_arm)(str(given['model']))
             path = given['path']
-            frame_s = float(given['frame_s'])
+            frame_s, caption = float(given['frame_s']), str(given['caption'])
         if postures.shape[1] != stage.model.nq:
             raise DataError(f'postures have {postures.shape[1]} joints, the model has '
                             f'{stage.model.nq}: name the model of the arm')
@@ -79,7 +99,7 @@ def main(numbers: str, target: str) -> int:
             def images() -> Iterator[Any]:
                 for posture in postures:
                     stage.show(posture)
-                    yield Image.fromarray(pictures.take(path))
+                    yield _with_caption(Image.fromarray(pictures.take(path)), caption)
             encode(partial, images(), frame_s)
         os.replace(partial, target)
     except NoScreenError as error:
@@ -94,6 +114,16 @@ def main(numbers: str, target: str) -> int:
     finally:
         partial.unlink(missing_ok=True)
     return 0
+
+
+def _with_caption(image: Any, caption: str) -> Any:
+    if caption:
+        from PIL import ImageDraw, ImageFont
+        draw, font = ImageDraw.Draw(image), ImageFont.load_default(22)
+        place = 0.5 * image.width, image.height - 26
+        draw.text(place, caption, fill='black', font=font, anchor='mm', stroke_width=3,
+                  stroke_fill='white')
+    return image
 
 
 def _pillow(target: Path, images: Iterator[Any], frame_s: float) -> None:

@@ -259,9 +259,13 @@ class NodeTestbed:
         if record:
             self.record()
 
+    def end_recording(self) -> None:
+        """Close the bag."""
+        self.children.stop(RECORDER, timeout=60.0)
+
     def recorded(self, bag: Path | None = None) -> runs.Run:
         """End the recording and read it."""
-        self.children.stop(RECORDER, timeout=60.0)
+        self.end_recording()
         return runs.read(bag or self.folder / 'run')
 
     @property
