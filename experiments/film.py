@@ -53,10 +53,12 @@ class Clip(NamedTuple):
 
 CLIPS = {
     'teach': Clip('clutter/takes/take_001', 0.5, 9.5, 1.0, 'a hand shows a task once', ('cube',)),
-    'switch': Clip('letter/run', 0.3, 14.0, 1.4,
+    'switch': Clip('letter/run', 0.3, 14.0, 1.0,
                    'a learned letter; its goal is switched on the way'),
+    'where': Clip('objects/run', -23.0, 10.5, 1.0,
+                  'shown once, done where the object stands', ('hole',)),
     'follow': Clip('objects/run', -11.5, 11.0, 1.0,
-                   'shown once; the object moves while the arm goes there', ('hole',)),
+                   'here the object moves while the arm goes there', ('hole',)),
     'clutter': Clip('clutter/run', 0.5, 14.0, 1.0,
                     'the task, led around objects; one is pushed into the way', ('cube',))}
 
@@ -71,9 +73,9 @@ def _world(name: str) -> Arm:
         return Arm(extras=[add_gripper, pick_and_place])
     if name == 'clutter':
         return clutter.world()
-    things = {'switch': _thing('goal', 'sphere', (0.015,)),
-              'follow': _thing('hole', 'box', (0.12, 0.12, 0.03))}
-    return Arm(extras=[add_volumes(Scene([things[name]]), free=True)])
+    thing = (_thing('goal', 'sphere', (0.015,)) if name == 'switch'
+             else _thing('hole', 'box', (0.12, 0.12, 0.03)))
+    return Arm(extras=[add_volumes(Scene([thing]), free=True)])
 
 
 def record(folder: Path) -> None:
@@ -100,7 +102,7 @@ def draw(folder: Path) -> dict[str, Any]:
         recorded.film(target, Replay(_world(name)), PICTURE_S, stamps, clip.caption)
         made.append(target)
         durations[name] = PICTURE_S * len(stamps)
-    for target in (folder / 'film.mp4', folder / 'film.webp'):
-        join(target, made, PICTURE_S)
+    for target, width in ((folder / 'film.mp4', 640), (folder / 'film.webp', 480)):
+        join(target, made, PICTURE_S, width)
         print(f'wrote {target}')
     return durations

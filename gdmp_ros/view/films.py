@@ -60,12 +60,13 @@ def render_to(target: Path, joints: np.ndarray, path: np.ndarray, model: str | P
             f'({output[-1] if output else "no reason was given"})')
 
 
-def join(target: Path, films: Sequence[Path], frame_s: float) -> None:
+def join(target: Path, films: Sequence[Path], frame_s: float, width: int) -> None:
     """
     Write films one after another as one.
 
     :param films: ``.webp``
     :param frame_s: time between their pictures [s]
+    :param width: of the film [pixels]
     """
     from PIL import Image
 
@@ -74,7 +75,8 @@ def join(target: Path, films: Sequence[Path], frame_s: float) -> None:
             with Image.open(path) as film:
                 for number in range(getattr(film, 'n_frames', 1)):
                     film.seek(number)
-                    yield film.convert('RGB')
+                    height = round(width * film.height / film.width)
+                    yield film.convert('RGB').resize((width, height))
     (_h264 if target.suffix == '.mp4' else _pillow)(target, images(), frame_s)
 
 
