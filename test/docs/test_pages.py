@@ -41,7 +41,7 @@ _STILL_THERE = ('set +x; if [ -n "$(jobs -p)" ]; then sleep 4; fi\n'
 _SKILL = 'gdmp examples lasa GShape -o demos\ngdmp learn demos/GShape_1 -o skill.json\n'
 BEFORE = {f'docs/{name}.md': _SKILL for name in ('looking', 'nodes', 'controllers')}
 BEFORE['docs/own_robot.md'] = f"cat > robot.urdf <<'URDF'\n{ur5e()}\nURDF\n"
-NAMES = {'docs/skills.md': """
+_SKILLS = """
 import gdmp_ros
 import numpy as np
 from gdmp_ros import *
@@ -58,7 +58,8 @@ takes = lasa.robot_demonstrations('GShape')[:4]
 first, second, third, _ = takes
 start, goal, via = first.points[0], first.points[-1], motion.points[4]
 covariance = 1e-4 * np.eye(shown.manifold.tangent_size)
-""", 'docs/obstacles.md': """
+"""
+NAMES = {'docs/skills.md': _SKILLS, 'docs/adapting_skills.md': _SKILLS, 'docs/obstacles.md': """
 import numpy as np
 from gdmp_ros import Demonstration, Skill
 from gdmp_ros.manifolds.poses import tool_manifold

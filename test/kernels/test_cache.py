@@ -162,7 +162,8 @@ def test_several_may_remove_older_versions_at_once(folder):
     with ThreadPoolExecutor(len(caches)) as pool:
         list(pool.map(remove, caches))
     caches[0]._remove_older()
-    assert len(list(kept.glob('example.outer-*.nbi'))) == cache._KEPT_VERSIONS
+    # What another one has just removed does not count: fewer may stay, but never none.
+    assert 1 <= len(list(kept.glob('example.outer-*.nbi'))) <= cache._KEPT_VERSIONS
 
 
 def test_caches_of_older_versions_are_removed(folder):
