@@ -159,10 +159,11 @@ class TankSettings:
         2.5, 'power that flows into the tank, for friction and tasks that do work; the controller '
         'gives no more than this to the world, with 0 it is passive', 'W', 0.0, 100.0)
     delay: float = setting(
-        0.001, 'longest time until a torque command acts for which the books are right', 's', 0.0,
-        0.01)
+        0.001, 'longest delay of the torque commands with which the energy is still counted '
+        'correctly', 's', 0.0, 0.01)
     passive: bool = setting(
-        True, 'restrict what the tank has no energy for; False only records the energy')
+        True, 'slow down or soften what the tank has no energy for; False: the energy is only '
+        'counted')
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ of robot and spring (a growing stiffness, a moving reference, Coriolis compensat
 compensation, the null space, the limits) is measured at the motors as ``τ·Δq - ΔU + ΔV``, with the
 torque that was sent, and drawn from a tank of bounded content. Robot, spring and tank together
 never give more energy than they received and than flows into the tank. What the law dissipates
-refills it, and friction of the joints as far as it is there for certain.
+refills it, and so does the part of the joint friction that is certain.
 
 Sources: Ferraguti, Secchi, Fantuzzi, ICRA 2013; Ferraguti, Preda, Manurung, Bonfè, Lambercy,
 Gassert, Muradore, Fiorini, Secchi, IEEE T-RO 2015.

@@ -109,7 +109,7 @@ class OneByOne:
             self._tell(f'{where}: {_described(skill, job.variables.skill)}')
             answer = self._choose(where, {
                 '': 'go', **({REPEAT: AGAIN} if result else {}),
-                WORST: 'worst, without trying', QUIT: 'quit'})
+                WORST: 'do not try it, score it worst', QUIT: 'quit'})
             if answer == REPEAT:
                 del results[result.pop()]
             elif answer == WORST:
