@@ -20,6 +20,7 @@ from gdmp_ros.realtime.loop import Clock, Loop, NS, run, SystemClock
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.path_check import PathChecker, Reach
 from gdmp_ros.studio.commands import Jobs
+from gdmp_ros.studio.first_view import first_view
 from gdmp_ros.studio.robot import Robot, RobotView
 from gdmp_ros.studio.scene import colour, of_demonstration, of_skill, Scene, ShownMotion, tube
 from gdmp_ros.studio.workbench import Workbench
@@ -99,6 +100,8 @@ class Studio:
         self.on_quiet: list[Callable[[], None]] = []
         self._quiet_at, self._ended = 0.0, False
         self._past: list[tuple[float, np.ndarray]] = []
+        # The skill that was looked at, and whether there was anything.
+        self._looked_at, self._looked = '', False
 
     # Work
 
@@ -230,6 +233,9 @@ class Studio:
         last_run = next(reversed(bench.runs.values()), (None, None))
         self.skill = bench.edited() if bench.chosen else None
         self.motion = last_run[1] if self.skill is None else of_skill(self.skill)
+        if bench.chosen != self._looked_at or not self._looked:
+            self._looked_at, self._looked = bench.chosen, self.motion is not None
+            self.look()
         self.scene.line('sent', None if last_run[0] is None else last_run[0].poses[:, :3],
                         colour(5))
         self.verdict = NOT_CHECKED
@@ -239,6 +245,10 @@ class Studio:
         self._quiet_at = self.now() + QUIET_S
         for tell in self.on_motion:
             tell()
+
+    def look(self) -> None:
+        """Look at the motion from the side that shows it."""
+        self.scene.look(first_view(None if self.motion is None else self.motion.poses[:, :3]))
 
     def _steps_of_slow(self) -> Loop:
         while not self._ended:

@@ -1,12 +1,15 @@
 """The panels of the robot and of sequences: start, stop, tempo, goal switches, signals, state."""
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from gdmp_ros.dmp.sequence import GripperStep, HoldStep, MotionStep, SkillSequence, Step
 from gdmp_ros.errors import DataError
 from gdmp_ros.studio.app import Studio
 from gdmp_ros.studio.robot import RobotView
+from gdmp_ros.studio.scene import LAYERS
 
 #: Interval of the text [s].
 _TEXT_S = 0.2
@@ -144,6 +147,20 @@ class TimePanel:
         self._studio.scene.ghost.show(None)
         self._studio.scene.tool(None)
         self._text.content = ''
+
+
+class ViewPanel:
+    """Chooses what is drawn, says what it is, and looks at the motion again."""
+
+    def __init__(self, studio: Studio):
+        self._studio, gui = studio, studio.server.gui
+        gui.add_button('look at the motion').on_click(studio.later(studio.look))
+        for name, (paint, meaning) in LAYERS.items():
+            box = gui.add_checkbox(f'show {name}', name != 'stiffness')
+            box.on_update(studio.entered(partial(studio.scene.show, name)))
+            swatch = '' if paint is None else (
+                f'<span style="color:rgb{paint}">■</span> ')
+            gui.add_markdown(f'{swatch}{meaning}')
 
 
 class SequencePanel:

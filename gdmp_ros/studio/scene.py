@@ -21,14 +21,15 @@ from gdmp_ros.playback.streamed_skill import Kind, StreamedSkill
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.path_check import DURATIONS
 from gdmp_ros.sim.urdf import Shape, shapes
+from gdmp_ros.studio.first_view import FIELD_OF_VIEW, first_view, View
 from gdmp_ros.view import style
 
 #: Ellipsoids along a tube.
 TUBE = 24
 #: Samples of a motion.
 SAMPLES = 240
-#: First view: eye and point that it looks at [m], vertical field of view [deg].
-EYE, LOOKED_AT, FIELD_OF_VIEW = (1.5, -1.3, 0.95), (0.3, -0.1, 0.35), 45.0
+#: Radius of a mark [m].
+_MARK = 0.008
 #: Thickness of lines [pixels].
 _LINE = 3.0
 _GHOST = (90, 140, 220)
@@ -146,7 +147,7 @@ class ArmModel:
         :param arm: is moved to the postures that are shown
         :param tint: colour of all its parts, which can be looked through then
         """
-        self._arm, self._shown = arm, np.empty(0)
+        self._arm, self._shown, self._hidden = arm, np.empty(0), False
         bodies: dict[int, list[Shape]] = {}
         for shape in shapes(arm):
             bodies.setdefault(shape.body, []).append(shape)
@@ -166,10 +167,16 @@ class ArmModel:
                                       # Surfaces of two arms in one posture would flicker.
                                       scale=1.0 if tint is None else 1.01)
 
+    def hide(self, hidden: bool) -> None:
+        """Hide it whatever its posture, or not any more."""
+        self._hidden = hidden
+        self._root.visible = not hidden
+
     def show(self, joints: np.ndarray | None) -> None:
         """Show a posture [rad]; None hides the arm."""
-        if self._root.visible != (joints is not None):
-            self._root.visible = joints is not None
+        visible = joints is not None and not self._hidden
+        if self._root.visible != visible:
+            self._root.visible = visible
         if joints is None or np.array_equal(joints, self._shown):
             return
         self._shown = joints.copy()
@@ -191,6 +198,24 @@ def _mesh(shape: Shape) -> trimesh.Trimesh:
     return mesh
 
 
+#: Colour of a path before a correction.
+BEFORE = (150, 150, 220)
+#: What can be hidden, with its colour and what it is.
+LAYERS: dict[str, tuple[_Colour | None, str]] = {
+    'arm': (None, 'the arm'), 'path': (colour(1), 'the path of the skill; red: out of reach'),
+    'before': (BEFORE, 'the path before a correction'),
+    'takes': ((150, 150, 150), 'takes'), 'variation': (colour(3), '95 % of takes lie inside'),
+    'stiffness': (colour(2), 'stiffness: long where the arm is stiff'),
+    'run': (colour(5), 'what was sent, in a recorded run'),
+    'past': (colour(0), 'where the tool has been')}
+_OF_LAYER = {'sent': 'run', 'skill ': 'path', 'take ': 'takes'}
+
+
+def _layer(name: str) -> str:
+    """The layer of a line or of ellipsoids."""
+    return next((layer for start, layer in _OF_LAYER.items() if name.startswith(start)), name)
+
+
 class Scene:
     """
     The scene of one page.
@@ -202,8 +227,8 @@ class Scene:
         """:param ghost: the same model again; shown where the arm would be"""
         self._scene = server.scene
         self._scene.set_up_direction('+z')
-        camera = server.initial_camera
-        camera.position, camera.look_at, camera.fov = EYE, LOOKED_AT, np.radians(FIELD_OF_VIEW)
+        self._server = server
+        self.look(first_view(None))
         self._scene.add_grid('/floor', 2.0, 2.0, cell_size=0.1, section_size=0.5, plane='xy')
         self._scene.add_frame('/base', axes_length=0.1, axes_radius=0.003)
         self.arm = ArmModel(self._scene, arm, '/arm')
@@ -211,9 +236,32 @@ class Scene:
         self.ghost.show(None)
         self._tool = self._scene.add_frame('/tool', axes_length=0.07, axes_radius=0.003,
                                            visible=False)
+        self._hidden: set[str] = {'stiffness'}
         self._lines: dict[str, Any] = {}
         self._batches: dict[str, Any] = {}
         self._handles: dict[str, Any] = {}
+        self._marks: dict[str, Any] = {}
+
+    def look(self, view: View) -> None:
+        """Look from somewhere: in browsers that come, and in those that are there."""
+        cameras: list[Any] = [self._server.initial_camera]
+        cameras[0].fov = np.radians(FIELD_OF_VIEW)
+        cameras += [client.camera for client in self._server.get_clients().values()]
+        for camera in cameras:
+            camera.position, camera.look_at = view.eye, view.looked_at
+
+    def show(self, layer: str, visible: bool) -> None:
+        """
+        Show or hide one of `LAYERS`.
+
+        :param layer: its name
+        """
+        (self._hidden.discard if visible else self._hidden.add)(layer)
+        for name, drawn in [*self._lines.items(), *self._batches.items()]:
+            if _layer(name) == layer:
+                drawn.visible = visible
+        if layer == 'arm':
+            self.arm.hide(not visible)
 
     def line(self, name: str, positions: np.ndarray | None, paint: _Colour,
              wrong: np.ndarray | None = None) -> None:
@@ -236,7 +284,8 @@ class Scene:
             self._lines[name].points, self._lines[name].colors = pairs, colours
         else:
             self._lines[name] = self._scene.add_line_segments(
-                f'/lines/{name}', pairs, colours, thickness=_LINE, thickness_units='screen')
+                f'/lines/{name}', pairs, colours, thickness=_LINE, thickness_units='screen',
+                visible=_layer(name) not in self._hidden)
 
     def stiffness(self, motion: ShownMotion | None) -> None:
         """Ellipsoids along a motion, long where the arm is stiff; the longest has one length."""
@@ -246,7 +295,7 @@ class Scene:
 
     def tube(self, likely: tuple[np.ndarray, np.ndarray] | None) -> None:
         """Ellipsoids in which 95 % of takes lie; None removes them."""
-        self._ellipsoids('takes', None if likely is None else
+        self._ellipsoids('variation', None if likely is None else
                          style.of_takes(likely[0][:, :3], likely[1][:, :3, :3]), colour(3), 0.15)
 
     def _ellipsoids(self, name: str, ellipsoids: style.Ellipsoids | None, paint: _Colour,
@@ -267,13 +316,40 @@ class Scene:
             self._batches[name] = self._scene.add_batched_meshes_simple(
                 f'/ellipsoids/{name}', _BALL.vertices, _BALL.faces, rotations, positions,
                 batched_scales=lengths, batched_colors=paint, opacity=opacity, lod='off',
-                cast_shadow=False, receive_shadow=False)
+                cast_shadow=False, receive_shadow=False,
+                visible=_layer(name) not in self._hidden)
 
     def tool(self, pose: np.ndarray | None) -> None:
         """Show axes at a pose of the tool; None hides them."""
         self._tool.visible = pose is not None
         if pose is not None:
             self._tool.position, self._tool.wxyz = pose[:3], pose[3:]
+
+    def mark(self, name: str, pose: np.ndarray | None,
+             clicked: Callable[[Any], Any] | None = None) -> None:
+        """
+        Mark something that can be moved by a small ball with its name; None removes it.
+
+        :param clicked: called when it is clicked at
+        """
+        known = self._marks.get(name)
+        if pose is None:
+            if known is not None:
+                known.remove()  # its label goes with it
+                del self._marks[name]
+            return
+        if known is None:
+            ball = self._scene.add_icosphere(f'/marks/{name}', _MARK, (230, 120, 20),
+                                             subdivisions=2, cast_shadow=False)
+            self._scene.add_label(f'/marks/{name}/label', name, anchor='bottom-left')
+            known = self._marks[name] = ball
+            if clicked is not None:
+                ball.on_click(clicked)
+        known.position = pose[:3]
+
+    def marks(self) -> Sequence[str]:
+        """Names of what is marked."""
+        return list(self._marks)
 
     def handle(self, name: str, pose: np.ndarray | None,
                moved: Callable[[np.ndarray, bool], None] | None = None, scale: float = 0.16,
@@ -296,7 +372,6 @@ class Scene:
         created = self._scene.add_transform_controls(
             f'/handles/{name}', scale, disable_rotations=not turns, depth_test=False,
             position=pose[:3], wxyz=pose[3:])
-        self._scene.add_label(f'/handles/{name}/label', name)
         self._handles[name] = created
         if moved is not None:
             # On the event loop: in a pool of threads events may overtake each other.

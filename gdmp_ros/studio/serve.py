@@ -24,7 +24,7 @@ from websockets.http11 import Request, Response
 from gdmp_ros.errors import DataError, GdmpError
 from gdmp_ros.studio.app import Studio
 from gdmp_ros.studio.robot import Robot
-from gdmp_ros.studio.run_panel import RunPanel, SequencePanel, TimePanel
+from gdmp_ros.studio.run_panel import RunPanel, SequencePanel, TimePanel, ViewPanel
 from gdmp_ros.studio.skill_panel import CorrectPanel, SkillPanel
 from gdmp_ros.studio.teach_panel import TeachPanel
 from gdmp_ros.studio.workbench import Workbench
@@ -180,7 +180,9 @@ def serve(bench: Workbench, settings: StudioSettings, make_robot: Callable[[], R
 def page_of(studio: Studio) -> None:
     """Lay out the panels."""
     server, gui = studio.server, studio.server.gui
-    gui.configure_theme(show_logo=False, show_share_button=False, control_width='large')
+    # The panel stands beside the picture, and folds.
+    gui.configure_theme(show_logo=False, show_share_button=False, control_width='large',
+                        control_layout='collapsible')
     gui.set_panel_label(f'gdmp studio: {studio.robot.name}')
     tabs = gui.add_tab_group()
     with tabs.add_tab('skill'):
@@ -198,6 +200,8 @@ def page_of(studio: Studio) -> None:
         server.on_client_disconnect(lambda _, panel=panel: studio.jobs.put(panel.release))
     with gui.add_folder('time'):
         TimePanel(studio)
+    with gui.add_folder('view', expand_by_default=False):
+        ViewPanel(studio)
 
 
 def _show(server: viser.ViserServer, bench: Workbench, robot: Robot, settings: StudioSettings,

@@ -1,8 +1,10 @@
 """The panels of the skill: numbers, start, goal, via points, files; and its corrections."""
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import viser
@@ -14,15 +16,29 @@ from gdmp_ros.errors import DataError
 from gdmp_ros.studio.app import Studio
 from gdmp_ros.studio.robot import RobotView
 from gdmp_ros.studio.run_panel import RunPanel
-from gdmp_ros.studio.scene import of_skill
+from gdmp_ros.studio.scene import BEFORE, of_skill
 from gdmp_ros.view.style import INK
 
 NONE = 'none yet'
 #: Spacing of an exported motion [s].
 EXPORT_STEP_S = 0.01
 _AXES = 'xyz'
-PUSH = 'push'
+PUSH, GOAL = 'push', 'goal'
 _MOVING = ('moving', 'paused')
+
+
+class _Target(NamedTuple):
+    """
+    What a handle can move.
+
+    :ivar pose: where it is
+    :ivar moved: see `gdmp_ros.studio.scene.Scene.handle`
+    :ivar turns: whether it can be turned too
+    """
+
+    pose: np.ndarray
+    moved: Callable[[np.ndarray, bool], None]
+    turns: bool = True
 
 
 class SkillPanel:
@@ -34,6 +50,9 @@ class SkillPanel:
         self._choice.on_update(studio.entered(self._choose))
         self._numbers = gui.add_markdown('')
         self._verdict = gui.add_markdown('')
+        self._handle = gui.add_dropdown('move with the handle', (GOAL,), hint='what the handle in '
+                                        'space moves; or click at its point in space')
+        self._handle.on_update(studio.entered(self._select))
         with gui.add_folder('start and goal'):
             self._goal = gui.add_vector3('goal [m]', (0.0, 0.0, 0.0), step=0.001)
             self._start = gui.add_vector3('start [m]', (0.0, 0.0, 0.0), step=0.001)
@@ -59,7 +78,7 @@ class SkillPanel:
             gui.add_button('export the motion as CSV').on_click(studio.later(self._export))
         self._compared = gui.add_folder('compare', visible=False)
         self._boxes: dict[str, viser.GuiCheckboxHandle] = {}
-        self._named = ''
+        self._named, self._selected, self._shown_handle = '', GOAL, ''
         for handle, change in ((self._goal, self._type_goal), (self._start, self._type_start),
                                (self._duration, self._type_duration)):
             handle.on_update(studio.entered(change, change.__name__))
@@ -69,7 +88,7 @@ class SkillPanel:
     # What the user does
 
     def _choose(self, name: str) -> None:
-        if name != NONE:
+        if name in self._studio.bench.skills:
             self._studio.bench.choose(name)
             self._studio.redraw()
 
@@ -136,6 +155,7 @@ class SkillPanel:
         studio.change(studio.bench.changes.via.clear)
 
     def _save(self) -> None:
+        self._studio.bench.skill  # noqa: B018  refused without one, whatever the file is called
         path = self._path('.json')
         self._studio.bench.save(path)
         self._studio.redraw()
@@ -173,11 +193,12 @@ class SkillPanel:
 
     def _show(self) -> None:
         studio, bench = self._studio, self._studio.bench
-        names = tuple(bench.skills) or (NONE,)
+        # A recorded run is seen without a skill.
+        names = tuple(bench.skills) or tuple(f'run {name}' for name in bench.runs) or (NONE,)
         if self._choice.options != names:
             self._choice.options = names
             self._add_boxes()
-        self._choice.value = bench.chosen or NONE
+        self._choice.value = bench.chosen or names[0]
         if bench.chosen != self._named:
             self._named = bench.chosen
             self._file.value = f'{bench.chosen.replace(" ", "_")}_changed.json'
@@ -203,32 +224,54 @@ class SkillPanel:
         self._plot.data = (motion.times, *motion.poses[:, :3].T)
         self._show_handles(first, last)
 
-    def _show_handles(self, first: np.ndarray, last: np.ndarray) -> None:
+    def _select(self, name: str) -> None:
+        """Let the handle move something else."""
+        self._selected = name
+        self._show()
+
+    def _targets(self, first: np.ndarray, last: np.ndarray) -> dict[str, _Target]:
+        """What a handle can move."""
         studio, bench = self._studio, self._studio.bench
-        scene = studio.scene
         if not bench.chosen or studio.motion is None or studio.guided:
-            for name in ('goal', 'start', *scene.handles('via'), *scene.handles('object')):
-                scene.handle(name, None)
-            return
+            return {}
         views = () if studio.skill is None else studio.skill.views
+        found = dict[str, _Target]()
         # Among objects these are dragged, and start and goal go with them.
-        scene.handle('goal', None if views else last, partial(self._drag, 'goal'))
-        scene.handle('start', None if views or bench.skill.rhythmic else first,
-                     partial(self._drag, 'start'), scale=0.1)
-        objects = {f'object {view.name}': view for view in views if view.name != BASE}
-        for name in scene.handles('object'):
-            if name not in objects:
+        for view in views:
+            if view.name != BASE:
+                found[f'object {view.name}'] = _Target(view.pose, partial(
+                    self._drag_object, view.name))
+        if not views:
+            found[GOAL] = _Target(last, partial(self._drag, GOAL))
+            if not bench.skill.rhythmic:
+                found['start'] = _Target(first, partial(self._drag, 'start'))
+        for progress, position in bench.changes.via.items():
+            found[f'via {100 * progress:.0f} %'] = _Target(
+                np.array([*position, 1.0, 0.0, 0.0, 0.0]), partial(self._drag_via, progress),
+                False)
+        return found
+
+    def _show_handles(self, first: np.ndarray, last: np.ndarray) -> None:
+        """Mark what can be moved; what is selected has a handle."""
+        scene, targets = self._studio.scene, self._targets(first, last)
+        if targets and self._selected not in targets:
+            self._selected = next(iter(targets))
+        names = tuple(targets) or (GOAL,)
+        if self._handle.options != names:
+            self._handle.options = names
+        if self._selected in names:
+            self._handle.value = self._selected
+        for name in (*scene.marks(), *(name for name in scene.handles('') if name in scene.marks()
+                                       or name == self._shown_handle)):
+            if name not in targets:
+                scene.mark(name, None)
                 scene.handle(name, None)
-        for name, view in objects.items():
-            scene.handle(name, view.pose, partial(self._drag_object, view.name), scale=0.12)
-        target = {f'via {100 * s:.0f} %': (s, position)
-                  for s, position in bench.changes.via.items()}
-        for name in scene.handles('via'):
-            if name not in target:
-                scene.handle(name, None)
-        for name, (s, position) in target.items():
-            scene.handle(name, np.array([*position, 1.0, 0.0, 0.0, 0.0]),
-                         partial(self._drag_via, s), scale=0.1, turns=False)
+        for name, target in targets.items():
+            selected = name == self._selected
+            scene.mark(name, target.pose, self._studio.later(partial(self._select, name)))
+            scene.handle(name, target.pose if selected else None, target.moved,
+                         turns=target.turns)
+        self._shown_handle = self._selected
 
     def _show_verdict(self) -> None:
         verdict = self._studio.verdict
@@ -297,7 +340,7 @@ class CorrectPanel:
         bench, scene = self._studio.bench, self._studio.scene
         corrected = bool(bench.chosen and bench.changes.corrections)
         scene.line('before', of_skill(bench.skill).poses[:, :3] if corrected else None,
-                   (150, 150, 150))
+                   BEFORE)
         if not corrected:
             self._text.content = ''
 

@@ -9,7 +9,8 @@ import time
 import numpy as np
 import pytest
 
-from gdmp_ros.studio.scene import EYE, FIELD_OF_VIEW, LOOKED_AT
+from gdmp_ros.studio.first_view import first_view
+from gdmp_ros.studio.scene import of_skill
 from test.commands import GDMP
 
 CHROMIUM = shutil.which('chromium') or shutil.which('chromium-browser') or shutil.which(
@@ -68,8 +69,10 @@ class Page:
     The page's own time passes only in `step`: it draws when a test looks at it.
     """
 
-    def __init__(self, browser, address):
-        self.page = browser.new_page(viewport=SIZE)
+    def __init__(self, browser, address, skill, size=SIZE):
+        """:param skill: that is looked at first"""
+        self.view = first_view(of_skill(skill).poses[:, :3])
+        self.page = browser.new_page(viewport=size)
         self.errors, self.foreign = [], []
         self.page.on('console', self._on_console)
         self.page.on('pageerror', lambda error: self.errors.append(str(error)))
@@ -132,16 +135,10 @@ class Page:
 
     def pixel(self, position):
         """Where a point of space is drawn, with the first view [pixels]."""
-        eye = np.array(EYE)
-        forward = np.array(LOOKED_AT) - eye
-        forward /= np.linalg.norm(forward)
-        right = np.cross(forward, [0.0, 0.0, 1.0])
-        right /= np.linalg.norm(right)
-        up = np.cross(right, forward)
-        away = np.asarray(position) - eye
-        scale = 0.5 * SIZE['height'] / np.tan(0.5 * np.radians(FIELD_OF_VIEW)) / (away @ forward)
-        return (0.5 * SIZE['width'] + scale * (away @ right),
-                0.5 * SIZE['height'] - scale * (away @ up))
+        box = self.page.locator('canvas').first.bounding_box()
+        (right, up), = self.view.projected(np.atleast_2d(position))
+        half = 0.5 * box['height']
+        return box['x'] + 0.5 * box['width'] + half * right, box['y'] + half - half * up
 
     def drag(self, first, last, steps=10):
         """Drag from a point of space to another one with the mouse."""

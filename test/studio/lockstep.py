@@ -100,7 +100,9 @@ class LockstepPage:
         return np.array(self.studio.scene._handles[name].position)
 
     def drag(self, name, away, steps=10, held=0.0):
-        """Drag a handle by a displacement [m], and hold it there [s]."""
+        """Drag a handle by a displacement [m], and hold it there [s]; select it first."""
+        if name in self.studio.scene.marks() and name not in self.studio.scene.handles(''):
+            self.enter('move with the handle', name)
         begun = self.position(name)
         for step in range(1, steps + 1):
             self.move(name, begun + np.multiply(step / steps, away), 'update')

@@ -27,9 +27,9 @@ def browser():
 
 
 @pytest.fixture(scope='module')
-def page(browser, studio):
+def page(browser, studio, folder):
     """One page for all: the first picture takes ten seconds without a graphics card."""
-    made = Page(browser, studio.address)
+    made = Page(browser, studio.address, Skill.load(folder / 'skill.json'))
     yield made
     made.check_clean()
 
@@ -68,8 +68,8 @@ def test_a_skill_is_run_and_its_goal_typed_in_motion(page):
 
 
 @needs_browser
-def test_another_browser_changes_the_same_skill_and_goes(page, browser, studio):
-    other = Page(browser, studio.address)
+def test_another_browser_changes_the_same_skill_and_goes(page, browser, studio, folder):
+    other = Page(browser, studio.address, Skill.load(folder / 'skill.json'))
     other.enter('goal [m]', '0.5')
     page.wait('the change of the other browser', lambda text: abs(ends_at(text)[0] - 0.5) < 1e-6)
     other.check_clean()

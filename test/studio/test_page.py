@@ -109,7 +109,7 @@ def among(folder, monkeypatch):
 def test_objects_are_dragged_and_the_path_goes_with_them(among, folder):
     skill = Skill.load(folder / 'among.json')
     scene = among.studio.scene
-    assert set(scene.handles('')) == {'object box', 'object hole'}
+    assert set(scene.marks()) == {'object box', 'object hole'}
     away = np.array([0.0, 0.04, 0.03])
     among.drag('object hole', away)
     np.testing.assert_allclose(ends_at(among.text()), skill.goal[:3] + away, atol=1e-3)
@@ -127,7 +127,7 @@ def test_objects_are_dragged_and_the_path_goes_with_them(among, folder):
     among.click('undo all changes')
     np.testing.assert_allclose(ends_at(among.text()), skill.goal[:3], atol=1e-3)
     among.enter('skill', 'skill')
-    assert set(scene.handles('')) == {'goal', 'start'}
+    assert set(scene.marks()) == {'goal', 'start'}
 
 
 def test_an_object_that_is_dragged_in_motion_takes_the_motion_with_it(among, folder):
@@ -233,7 +233,7 @@ def test_takes_are_learned_between_objects_that_their_transforms_know(folder, mo
         page.enter('objects', 'box hole')
         page.click('learn')
         page.wait_text('learned from 1 take')
-        assert set(page.studio.scene.handles('')) == {'object box', 'object hole'}
+        assert set(page.studio.scene.marks()) == {'object box', 'object hole'}
 
 
 def test_compared_skills_and_the_time_slider(page):
