@@ -117,10 +117,11 @@ def _outlier(what: str, value: float, usual: float, least: float, unit: str) -> 
 def _tempo(durations: np.ndarray, which: int) -> str:
     if len(durations) < 3:
         return ''
-    usual = float(np.median(np.delete(durations, which)))
+    # With the take itself: among three, one that is long would make the other two outliers.
+    usual = float(np.median(durations))
     if usual / TEMPO <= durations[which] <= usual * TEMPO:
         return ''
-    return f'lasts {durations[which]:.1f} s, the others {usual:.1f} s'
+    return f'lasts {durations[which]:.1f} s, usual is {usual:.1f} s'
 
 
 def takes_in(takes: Path) -> list[Path]:

@@ -69,6 +69,7 @@ class Studio:
     :ivar on_goal: called with the goal pose that the user has moved
     :ivar on_object: called with name and pose of an object that the user has moved
     :ivar on_view: called with the newest view of the robot
+    :ivar on_takes: called when takes were opened
     :ivar on_quiet: called when what takes longer has been computed
     """
 
@@ -98,7 +99,8 @@ class Studio:
         self.on_object: list[Callable[[str, np.ndarray], None]] = []
         self.on_view: list[Callable[[RobotView | None], None]] = []
         self.on_quiet: list[Callable[[], None]] = []
-        self._quiet_at, self._ended = 0.0, False
+        self.on_takes: list[Callable[[], None]] = []
+        self._quiet_at, self._ended, self._dragging = 0.0, False, False
         self._past: list[tuple[float, np.ndarray]] = []
         # The skill that was looked at, and whether there was anything.
         self._looked_at, self._looked = '', False
@@ -187,7 +189,7 @@ class Studio:
         """Tell all browsers something."""
         for client in self.server.get_clients().values():
             client.add_notification(title, text, color=paint,
-                                    auto_close_seconds=None if paint == 'red' else 6.0)
+                                    auto_close_seconds=20.0 if paint == 'red' else 6.0)
 
     def _show_warning(self, message: Warning | str, category: type[Warning], *rest: Any) -> None:
         if issubclass(category, GdmpWarning):
@@ -215,17 +217,20 @@ class Studio:
         :param dragged: whether the next change is likely to follow at once
         :raises GdmpError: if it is impossible
         """
-        changes = self.bench.changes
-        before = vars(changes.copy())
+        bench, before = self.bench, self.bench.changes.copy()
         try:
             work()
             self.redraw()
-            if dragged:
-                self._quiet_at = self.now() + DRAGGED_S
         except GdmpError:
-            vars(changes).update(before)
+            bench.changes = before
             self.redraw()
             raise
+        # What is dragged is one change.
+        if not self._dragging:
+            bench.remember(before)
+        self._dragging = dragged
+        if dragged:
+            self._quiet_at = self.now() + DRAGGED_S
 
     def redraw(self) -> None:
         """Show the changed skill, or the recorded motion without one."""

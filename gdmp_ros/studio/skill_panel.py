@@ -4,7 +4,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import viser
@@ -12,11 +12,14 @@ import viser
 from gdmp_ros.data import foreign
 from gdmp_ros.dmp.frames import BASE
 from gdmp_ros.dmp.options import SHORTEST_DURATION
+from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError
+from gdmp_ros.learning.correction import Push
 from gdmp_ros.studio.app import Studio
+from gdmp_ros.studio.commands import Changes
 from gdmp_ros.studio.robot import RobotView
 from gdmp_ros.studio.run_panel import RunPanel
-from gdmp_ros.studio.scene import BEFORE, of_skill
+from gdmp_ros.studio.scene import BEFORE, check_shown, of_skill
 from gdmp_ros.view.style import INK
 
 NONE = 'none yet'
@@ -57,6 +60,8 @@ class SkillPanel:
             self._goal = gui.add_vector3('goal [m]', (0.0, 0.0, 0.0), step=0.001)
             self._start = gui.add_vector3('start [m]', (0.0, 0.0, 0.0), step=0.001)
             self._duration = gui.add_number('duration [s]', 1.0, min=SHORTEST_DURATION, step=0.05)
+            gui.add_button('undo').on_click(studio.later(self._back(studio.bench.undo)))
+            gui.add_button('redo').on_click(studio.later(self._back(studio.bench.redo)))
             gui.add_button('undo all changes').on_click(studio.later(self._undo))
         with gui.add_folder('via points', expand_by_default=False):
             self._at = gui.add_slider('at [% of the motion]', 1, 99, 1, 50)
@@ -71,6 +76,13 @@ class SkillPanel:
                 (np.array([0.0, 1.0]), nothing, nothing, nothing), tuple(series),
                 scales={'x': viser.uplot.Scale(time=False)}, height=220)
         with gui.add_folder('files'):
+            self._opened = gui.add_text('open', '', hint='skill, sequence, take, folder of takes, '
+                                        'or recorded run; counted from the folder where the '
+                                        'studio was started')
+            gui.add_button('open the file').on_click(studio.later(self._open))
+            upload = gui.add_upload_button('send a skill file from this browser',
+                                           mime_type='application/json')
+            upload.on_upload(self._uploaded)
             self._file = gui.add_text('file', 'skill.json',
                                       hint='counted from the folder where the studio was started')
             self._replace = gui.add_checkbox('replace an existing file', False)
@@ -86,6 +98,10 @@ class SkillPanel:
         studio.on_quiet.append(self._show_verdict)
 
     # What the user does
+
+    async def _uploaded(self, event: Any) -> None:
+        sent = event.target.value
+        self._studio.jobs.put(partial(self._take_upload, sent.name, sent.content))
 
     def _choose(self, name: str) -> None:
         if name in self._studio.bench.skills:
@@ -141,8 +157,39 @@ class SkillPanel:
         studio.jobs.put(move, None if released else f'object {name}')
 
     def _undo(self) -> None:
-        self._studio.bench.choose(self._studio.bench.chosen)
-        self._studio.redraw()
+        def nothing() -> None:
+            self._studio.bench.changes = Changes()
+        self._studio.change(nothing)
+
+    def _back(self, work: Callable[[], None]) -> Callable[[], None]:
+        """Take a change back, or make it again, and show the skill."""
+        def back() -> None:
+            work()
+            self._studio.redraw()
+        return back
+
+    def _open(self) -> None:
+        studio, name = self._studio, self._opened.value.strip()
+        if not name:
+            raise DataError('open: expected the name of a file or folder')
+        found = studio.bench.open(Path(name))
+        for tell in studio.on_takes:
+            tell()
+        studio.redraw()
+        studio.notify('opened', f'{name}: {found}', 'green')
+
+    def _take_upload(self, name: str, content: bytes) -> None:
+        """Add a skill that a browser has sent."""
+        studio = self._studio
+        if Path(name).suffix != '.json':
+            raise DataError(f'{name}: expected a skill file (.json); other files are opened by '
+                            'their name')
+        skill = Skill.parse(content.decode(errors='replace'), name)
+        check_shown(skill)
+        added = studio.bench.add(Path(name).stem, skill)
+        studio.bench.choose(added)
+        studio.redraw()
+        studio.notify('opened', f'skill {added}', 'green')
 
     def _add_via(self) -> None:
         studio, progress = self._studio, 0.01 * self._at.value
@@ -205,7 +252,8 @@ class SkillPanel:
         self._verdict.content = ''
         motion = studio.motion
         if motion is None:
-            self._numbers.content = 'open a skill, or teach one: tab *teach*'
+            self._numbers.content = ('No skill yet. Open one below (*files*), or teach one: tab '
+                                     '*teach*, guide the arm, record takes, learn.')
             return
         first, last = motion.poses[0], motion.poses[-1]
         seconds = motion.duration
@@ -322,18 +370,16 @@ class CorrectPanel:
         studio, bench = self._studio, self._studio.bench
         if not bench.chosen or self._run.executed != bench.chosen:
             raise DataError('the chosen skill has not been executed: start it, and push the arm')
-        followed = studio.robot.followed()
-        pushes = bench.correct(followed)
-        studio.redraw()
+        followed, pushes = studio.robot.followed(), list[Push]()
+        studio.change(lambda: pushes.extend(bench.correct(followed)))
         self._text.content = '  \n'.join(
             f'{push.quantity} at {100 * push.at:.0f} %: '
             + (f'{1e3 * push.largest:.0f} mm' if push.quantity == 'position'
                else f'{push.largest:.2f} rad') for push in pushes)
 
     def _undo(self) -> None:
-        self._studio.bench.undo_correction()
+        self._studio.change(self._studio.bench.undo_correction)
         self._text.content = ''
-        self._studio.redraw()
 
     def _show_before(self) -> None:
         """Draw the path before the corrections."""

@@ -57,6 +57,7 @@ class TeachPanel:
         self._rows: list[Any] = []
         self._pulled, self._asked = False, 0.0
         studio.on_view.append(self._show)
+        studio.on_takes.append(self._show_takes)
         self._show_takes()
 
     def _guide(self, guided: bool) -> None:
@@ -116,6 +117,8 @@ class TeachPanel:
 
         def learned(result: Any) -> None:
             name = bench.take_in(result)
+            if studio.guided:
+                self._guide(False)
             studio.redraw()
             studio.notify('learned', f'{name}: {result.skill.n_basis} functions', 'green')
         studio.background('learning', bench.learning(settings), learned)

@@ -60,6 +60,8 @@ class Workbench:
         self.sequences: dict[str, SkillSequence] = {}
         self.chosen = ''
         self.changes = self._saved = Changes()
+        self._past: list[Changes] = []
+        self._undone: list[Changes] = []
 
     def open_skill(self, path: Path) -> str:
         """
@@ -102,6 +104,57 @@ class Workbench:
     def choose(self, name: str) -> None:
         """Change another skill from now on; changes that were not saved are lost."""
         self.chosen, self.changes, self._saved = name, Changes(), Changes()
+        self._past, self._undone = [], []
+
+    def remember(self, before: Changes) -> None:
+        """Let `undo` go back to these changes, which were there before the last one."""
+        if before != self.changes:
+            self._past.append(before)
+            self._undone.clear()
+
+    def undo(self) -> None:
+        """
+        Take the last change back.
+
+        :raises DataError: if there is none
+        """
+        self._go(self._past, self._undone, 'undo')
+
+    def redo(self) -> None:
+        """
+        Make the last change that was taken back again.
+
+        :raises DataError: if there is none
+        """
+        self._go(self._undone, self._past, 'redo')
+
+    def _go(self, where: list[Changes], back: list[Changes], what: str) -> None:
+        if not where:
+            raise DataError(f'there is nothing to {what}')
+        back.append(self.changes)
+        self.changes = where.pop()
+
+    def open(self, source: Path) -> str:
+        """
+        Open a skill file, a sequence file, a take, a folder of takes, or a recorded run.
+
+        :returns: what it is
+        :raises DataError: if it cannot be read
+        """
+        if not source.exists():
+            raise DataError(f'{source}: there is no such file or folder')
+        if source.suffix == '.json' and not source.is_dir():
+            return f'skill {self.open_skill(source)}'
+        if source.suffix in SEQUENCES and not source.is_dir():
+            self.open_sequence(source)
+            return f'sequence {source.name}'
+        found = takes.bags_in(source)
+        for bag in found:
+            if not episodes.is_foreign(bag) and _is_run(bag):
+                self.runs[bag.name] = of_run(bag)
+            else:
+                self.open_take(bag)
+        return f'{len(found)} recording{"s" if len(found) != 1 else ""}'
 
     def open_take(self, path: Path) -> Take:
         """
@@ -229,7 +282,7 @@ class Workbench:
     @property
     def unsaved(self) -> bool:
         """Whether there are changes that were not saved."""
-        return self.changes != self._saved
+        return bool(self.changes) and self.changes != self._saved
 
     def save(self, path: Path) -> None:
         """
@@ -274,15 +327,6 @@ def opened(sources: Sequence[Path], step: Callable[[], object] = lambda: None,
     """
     bench = Workbench(reading)
     for source in sources:
-        if source.suffix == '.json' and not source.is_dir():
-            bench.open_skill(source)
-        elif source.suffix in SEQUENCES and not source.is_dir():
-            bench.open_sequence(source)
-        else:
-            for bag in takes.bags_in(source):
-                if not episodes.is_foreign(bag) and _is_run(bag):
-                    bench.runs[bag.name] = of_run(bag)
-                else:
-                    bench.open_take(bag)
+        bench.open(source)
         step()
     return bench

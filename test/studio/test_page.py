@@ -294,3 +294,82 @@ def test_a_browser_that_is_closed_lets_go(page):
     page.close()
     page.spend(0.1)  # the handle is where the tool is again
     np.testing.assert_allclose(page.position('hand'), page.studio.view.pose[:3], atol=0.05)
+
+
+def test_changes_are_undone_and_made_again_one_by_one(page, folder):
+    skill = Skill.load(folder / 'skill.json')
+    page.click('undo')
+    page.wait_text('refused: there is nothing to undo')
+    page.drag('goal', [0.0, 0.0, -0.08])
+    page.enter('duration [s]', 5.0)
+    page.click('add a via point')
+    page.wait_text('1 via point')
+    page.click('undo')
+    assert '1 via point' not in page.text().split('functions')[1][:20]
+    page.click('undo')
+    page.wait_text(f'in {skill.duration:.2f} s')
+    # The whole drag is one change.
+    page.click('undo')
+    np.testing.assert_allclose(ends_at(page.text()), skill.goal[:3], atol=1e-3)
+    assert 'changed, not saved' not in page.text()
+    page.click('redo')
+    np.testing.assert_allclose(ends_at(page.text()), skill.goal[:3] - [0.0, 0.0, 0.08], atol=1e-3)
+    page.click('redo')
+    page.wait_text('in 5.00 s')
+    page.enter('duration [s]', 4.0)
+    page.click('redo')
+    page.wait_text('refused: there is nothing to redo')
+    page.click('undo all changes')
+    page.click('undo')
+    page.wait_text('in 4.00 s')
+
+
+def test_only_what_is_selected_has_a_handle(page):
+    scene = page.studio.scene
+    assert set(scene.marks()) == {'goal', 'start'} and set(scene.handles('')) == {'goal'}
+    page.enter('move with the handle', 'start')
+    assert set(scene.handles('')) == {'start'}
+    page.click('add a via point')
+    assert set(scene.marks()) == {'goal', 'start', 'via 50 %'}
+    page.click_at('via 50 %')
+    assert set(scene.handles('')) == {'via 50 %'}
+    assert page.part('move with the handle').value == 'via 50 %'
+    page.click('remove the via points')
+    assert set(scene.handles('')) == {'goal'} and page.part(
+        'move with the handle').value == 'goal'
+
+
+def test_layers_are_hidden_and_shown(page):
+    scene = page.studio.scene
+    page.wait('the ellipsoids', lambda _: 'stiffness' in scene._batches or None)
+    assert not scene._batches['stiffness'].visible and scene._lines['path'].visible
+    page.enter('show stiffness', True)
+    page.enter('show path', False)
+    assert scene._batches['stiffness'].visible and not scene._lines['path'].visible
+    # What is drawn again stays as it was chosen.
+    page.drag('goal', [0.0, 0.0, -0.03])
+    assert not scene._lines['path'].visible
+    page.enter('show arm', False)
+    page.spend(0.2)
+    assert not scene.arm._root.visible
+
+
+def test_files_are_opened_from_the_page(folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    with opened_page(folder) as page:
+        page.wait_text('No skill yet')
+        page.click('save the skill')
+        page.wait_text('refused: there is no skill yet')
+        page.click('open the file')
+        page.wait_text('expected the name of a file')
+        field = next(part for part in page._parts() if getattr(part, 'label', None) == 'open')
+        for name, said in (('nothing.json', 'no such file'), ('skill.json', 'skill skill'),
+                           ('takes', 'recordings')):
+            field.value = name
+            page.click('open the file')
+            page.wait_text(said)
+        assert page.part('skill').value == 'skill' and len(page.studio.bench.takes) == 3
+        page.wait_text('take_001')
+        panel = next(part for part in page._parts()
+                     if getattr(part, 'label', None) == 'send a skill file from this browser')
+        assert panel is not None
