@@ -63,6 +63,7 @@ interop: setup
 	@$(PY) -m test.interop.run --out out/interop
 
 docs: setup
+	@$(PY) docs/figures.py
 	@$(PY) -m sphinx -q -W docs out/site
 	@echo out/site/index.html
 

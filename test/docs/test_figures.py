@@ -1,0 +1,23 @@
+"""Figures in the pages agree with the files that were measured."""
+import importlib.util
+from pathlib import Path
+import shutil
+
+DOCS = Path(__file__).parents[2] / 'docs'
+spec = importlib.util.spec_from_file_location('figures', DOCS / 'figures.py')
+figures = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(figures)
+
+
+def test_all_figures_agree():
+    assert figures.problems() == []
+
+
+def test_a_figure_that_was_changed_is_found(tmp_path):
+    for name in ('figures.yaml', 'obstacles.md'):
+        shutil.copy(DOCS / name, tmp_path)
+    shutil.copytree(DOCS / 'figures', tmp_path / 'figures')
+    page = tmp_path / 'obstacles.md'
+    page.write_text(page.read_text().replace('| the bend alone | 92 %', '| the bend alone | 99 %'))
+    (wrong,) = figures.problems(tmp_path)
+    assert 'the bend alone | 92 %' in wrong and 'bench-obstacles.json' in wrong
