@@ -9,11 +9,13 @@ from gdmp_ros.dmp.sequence import GripperStep, HoldStep, MotionStep, SkillSequen
 from gdmp_ros.errors import DataError
 from gdmp_ros.studio.app import Studio
 from gdmp_ros.studio.robot import RobotView
-from gdmp_ros.studio.scene import LAYERS
+from gdmp_ros.studio.scene import LAYERS, of_skill
 
 #: Interval of the text [s].
 _TEXT_S = 0.2
 _MOVING = ('moving', 'paused')
+#: Colours of the paths of a sequence, and of the step that runs.
+_STEP, _RUNS = (170, 140, 90), (200, 60, 20)
 
 
 class RunPanel:
@@ -173,11 +175,13 @@ class SequencePanel:
         self._choice.on_update(studio.later(self._list))
         self._first = gui.add_slider('first step', 1, 2, 1, 1)
         gui.add_button('start the sequence', color='green').on_click(studio.later(self._start))
+        gui.add_button('stop the sequence', color='red').on_click(studio.later(studio.robot.stop))
         self._signal = gui.add_text('signal', _first_signal(self._sequence))
         gui.add_button('send the signal').on_click(studio.later(
             lambda: studio.robot.signal(self._signal.value)))
         self._steps = gui.add_markdown('')
         self._shown: int | None = None
+        self._paths: dict[int, np.ndarray] = {}
         studio.on_view.append(self._show)
         self._list()
 
@@ -195,14 +199,23 @@ class SequencePanel:
         self._first.max = max(len(self._sequence), 2)
         self._signal.value = _first_signal(self._sequence)
         self._shown = None
+        scene = self._studio.scene
+        for name in scene.lines('step '):
+            scene.line(name, None, _STEP)
+        self._paths = {
+            at: of_skill(step.skill if step.goal is None
+                         else step.skill.between(goal=step.goal)).poses[:, :3]
+            for at, step in enumerate(self._sequence.steps, 1) if isinstance(step, MotionStep)}
         self._show(self._studio.view)
 
     def _show(self, view: RobotView | None) -> None:
-        """List the steps; the present one is bold."""
+        """List the steps, and draw their paths; the present one is bold, and of another colour."""
         number = 0 if view is None or view.sequence is None else view.sequence[0]
         if number == self._shown:
             return
         self._shown = number
+        for at, path in self._paths.items():
+            self._studio.scene.line(f'step {at}', path, _RUNS if at == number else _STEP)
         self._steps.content = '\n'.join(
             f'{at}. **{_described(step)}**' if at == number else f'{at}. {_described(step)}'
             for at, step in enumerate(self._sequence.steps, 1))

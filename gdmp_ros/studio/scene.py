@@ -208,7 +208,7 @@ LAYERS: dict[str, tuple[_Colour | None, str]] = {
     'stiffness': (colour(2), 'stiffness: long where the arm is stiff'),
     'run': (colour(5), 'what was sent, in a recorded run'),
     'past': (colour(0), 'where the tool has been')}
-_OF_LAYER = {'sent': 'run', 'skill ': 'path', 'take ': 'takes'}
+_OF_LAYER = {'sent': 'run', 'skill ': 'path', 'step ': 'path', 'take ': 'takes'}
 
 
 def _layer(name: str) -> str:

@@ -257,9 +257,13 @@ def test_a_sequence_is_run_from_the_page(folder, monkeypatch):
         'steps: [{skill: skill.json}, {skill: wipe.json, until: enough}, {hold: 1}]')
     with opened_page(folder, 'clean.yaml') as page:
         page.wait_text('wipe: until enough')
+        scene = page.studio.scene
+        assert set(scene.lines('step ')) == {'step 1', 'step 2'}
+        still = scene._lines['step 2'].colors[0, 0].tolist()
         page.enter('first step', 2)
         page.click('start the sequence')
         page.wait_text('step 2 of 3, wipe')
+        assert scene._lines['step 2'].colors[0, 0].tolist() != still
         page.wait_text('amplitude 1.00')
         page.enter('amplitude', 0.5)
         page.wait_text('amplitude 0.50')
@@ -267,6 +271,10 @@ def test_a_sequence_is_run_from_the_page(folder, monkeypatch):
         page.wait_text('step 3 of 3')
         page.wait('the end', lambda text: '**holding**' in text)
         page.wait('no step', lambda text: 'step 3 of 3' not in text)
+        page.click('start the sequence')
+        page.wait_text('step 2 of 3, wipe')
+        page.click('stop the sequence')
+        page.wait('the end', lambda text: '**holding**' in text)
 
 
 def test_what_the_user_enters_counts_although_the_studio_writes_to_the_field(page):
