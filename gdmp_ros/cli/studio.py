@@ -32,8 +32,8 @@ if TYPE_CHECKING:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument('sources', type=Path, nargs='*', metavar='FILE|BAG|FOLDER',
-                        help='skill files, sequence files, takes (rosbag2), folders of takes, or '
-                        'a recorded run')
+                        help='skill files, sequence files, scene files, takes (rosbag2), folders '
+                        'of takes, or a recorded run')
     parser.add_argument('--ros', action='store_true',
                         help='show and use running nodes instead of a simulation in this process')
     parser.add_argument('--server', default='trajectory_server', metavar='NODE',

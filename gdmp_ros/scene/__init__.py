@@ -1,5 +1,5 @@
 """What stands around an arm: volumes, the distances from them, ways around them."""
-from gdmp_ros.scene.scene import read_scene, Scene
+from gdmp_ros.scene.scene import read_scene, Scene, write_scene
 from gdmp_ros.scene.volume import Volume
 
-__all__ = ['Scene', 'Volume', 'read_scene']
+__all__ = ['Scene', 'Volume', 'read_scene', 'write_scene']

@@ -10,7 +10,7 @@ import yaml
 
 from gdmp_ros.errors import DataError, GdmpError
 from gdmp_ros.scene.volume import CAPACITY, DEFAULT_MARGIN, Volume, VOLUME_SIZE
-from gdmp_ros.util.files import read_text
+from gdmp_ros.util.files import read_text, write_text
 from gdmp_ros.util.numeric import numbers
 
 #: Larger files are refused [bytes].
@@ -128,6 +128,32 @@ def read_scene(path: str | Path) -> Scene:
                       for number, given in enumerate(document['volumes'], 1)], float(margin))
     except GdmpError as error:
         raise DataError(f'{path}: {error}') from None
+
+
+def write_scene(path: str | Path, scene: Scene) -> None:
+    """
+    Write a scene file.
+
+    :raises DataError: if it cannot be written
+    """
+    rows = []
+    for volume in scene:
+        row: dict[str, Any] = {'name': volume.name, 'kind': volume.kind}
+        if volume.size:
+            row['size'] = [round(value, 6) for value in volume.size]
+        row['pose'] = [round(float(value), 6) for value in volume.pose]
+        if volume.margin is not None:
+            row['margin'] = volume.margin
+        if volume.allowed:
+            row['allowed'] = list(volume.allowed)
+        if volume.carried:
+            row['carried'] = True
+        rows.append(row)
+    try:
+        write_text(Path(path), yaml.safe_dump({'margin': scene.margin, 'volumes': rows},
+                                              sort_keys=False, default_flow_style=None))
+    except OSError as error:
+        raise DataError(f'{path}: cannot write: {error.strerror}') from None
 
 
 def _volume(number: int, given: Any) -> Volume:

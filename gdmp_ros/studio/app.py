@@ -16,13 +16,23 @@ import viser
 
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import GdmpError, GdmpWarning
+from gdmp_ros.learning.detour import BlockedError, detour, leads_around
 from gdmp_ros.realtime.loop import Clock, Loop, NS, run, SystemClock
+from gdmp_ros.scene import Scene as Surroundings
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.path_check import PathChecker, Reach
 from gdmp_ros.studio.commands import Jobs
 from gdmp_ros.studio.first_view import first_view
 from gdmp_ros.studio.robot import Robot, RobotView
-from gdmp_ros.studio.scene import colour, of_demonstration, of_skill, Scene, ShownMotion, tube
+from gdmp_ros.studio.scene import (
+    colour,
+    LAYERS,
+    of_demonstration,
+    of_skill,
+    Scene,
+    ShownMotion,
+    tube,
+)
 from gdmp_ros.studio.workbench import Workbench
 
 #: Interval at which the robot is shown, and at which the studio looks for work [s].
@@ -247,9 +257,25 @@ class Studio:
         motion = self.motion
         self.scene.line('path', None if motion is None else motion.poses[:, :3], colour(1))
         self.scene.tube(None)
+        self.scene.line('around', None, colour(3))
         self._quiet_at = self.now() + QUIET_S
         for tell in self.on_motion:
             tell()
+
+    def surround(self, scene: Surroundings) -> None:
+        """
+        Use other surroundings: of the arm, and on the page.
+
+        :raises GdmpError: if the robot refuses them
+        """
+        self.robot.surround(scene)
+        self.bench.scene = scene
+        for name in self.scene.volumes():
+            if name not in scene:
+                self.scene.volume(name, None)
+        for volume in scene.around:
+            self.scene.volume(volume.name, volume)
+        self.redraw()
 
     def look(self) -> None:
         """Look at the motion from the side that shows it."""
@@ -266,10 +292,23 @@ class Studio:
         """Compute what takes longer than a drag; by a thread of its own."""
         likely = None if skill is None else tube(skill)
         verdict = NOT_CHECKED if motion is None else self._checked(motion)
-        self.jobs.put(lambda: self._complete(motion, likely, verdict), 'complete')
+        around = ''
+        led: np.ndarray | None = None
+        if skill is not None and len(self.bench.scene) and leads_around(skill):
+            try:
+                found = detour(skill, self.bench.scene, self._checker.tool)
+                if found.around:
+                    led = of_skill(found.skill).poses[:, :3]
+                    around = (f'led around {", ".join(found.around)}: {found.longer:.2f} times as '
+                              'long')
+            except BlockedError as error:
+                around = f'**{error}**'
+        if around:
+            verdict = Verdict(verdict.wrong, f'{verdict.text}; {around}')
+        self.jobs.put(lambda: self._complete(motion, likely, verdict, led), 'complete')
 
     def _complete(self, motion: ShownMotion | None, likely: tuple[np.ndarray, np.ndarray] | None,
-                  verdict: Verdict) -> None:
+                  verdict: Verdict, led: np.ndarray | None) -> None:
         """Show what took longer than a drag, unless the motion has changed since."""
         bench, scene = self.bench, self.scene
         if motion is not self.motion:
@@ -277,6 +316,7 @@ class Studio:
         scene.stiffness(motion)
         scene.tube(likely)
         self.verdict = verdict
+        scene.line('around', led, LAYERS['around'][0] or colour(3))
         if motion is not None:
             scene.line('path', motion.poses[:, :3], colour(1), verdict.wrong)
         names = {f'take {take.path}'.replace('/', ':'): take for take in bench.takes if take.used}

@@ -13,6 +13,7 @@ from gdmp_msgs.srv import LoadSkill, RefineSkill, SetSpeed
 from geometry_msgs.msg import PoseStamped
 import numpy as np
 from std_srvs.srv import SetBool, Trigger
+from visualization_msgs.msg import Marker, MarkerArray
 
 from gdmp_ros.control.limits import described
 from gdmp_ros.control.modes import ArmMode
@@ -31,6 +32,8 @@ from gdmp_ros.ros.clients.server_client import (
     ServerClient,
 )
 from gdmp_ros.ros.lifecycle import SILENT_S
+from gdmp_ros.ros.scene.messages import markers_of
+from gdmp_ros.scene import Scene
 from gdmp_ros.studio.commands import Commands
 from gdmp_ros.studio.robot import RobotView
 
@@ -61,6 +64,8 @@ class NodesRobot:
         client = self._client = ServerClient(server, self._check_open)
         self._robots = client.subscribe(RobotState, f'{arm}/state', depth=1)
         self._hand = client.publisher(PoseStamped, f'{arm}/hand_pose', 1)
+        self._scene_out = client.publisher(MarkerArray, f'{arm}/scene', 10)
+        self._around = set[str]()
         client.subscribe(RecorderState, f'{RECORDER}/state', self._on_recorder, 1)
         # From the beginning, so that the nodes know them when they are called.
         self._services = {name: client.participant.client(kind, name) for name, kind in (
@@ -161,6 +166,9 @@ class NodesRobot:
         pass  # it is where /tf has it
 
     # The arm
+
+    def surround(self, scene: Scene) -> None:
+        self._commands.put(lambda: self._surround(scene.copy()))
 
     def guide(self, guided: bool) -> None:
         self._pulled = None
@@ -278,6 +286,17 @@ class NodesRobot:
         if state is None:
             raise GdmpError(f'{self._server} is silent')
         self._client.goal_pose(pose, state.header.frame_id)
+
+    def _surround(self, scene: Scene) -> None:
+        """Tell the arm; the server has it from there."""
+        if self._robot is None:
+            raise GdmpError(f'{self._arm}: silent: what stands around it cannot be told')
+        message = markers_of(scene, self._robot.header.frame_id, self._robot.header.stamp)
+        shown = {marker.text for marker in message.markers}
+        message.markers += [Marker(action=Marker.DELETE, text=name)
+                            for name in sorted(self._around - shown)]
+        self._around = shown
+        self._scene_out.publish(message)
 
     def _ready(self, name: str) -> Any:
         service = self._services[name]

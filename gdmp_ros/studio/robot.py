@@ -10,6 +10,7 @@ import numpy as np
 from gdmp_ros.dmp.sequence import SkillSequence
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.learning.correction import FollowedMotion
+from gdmp_ros.scene import Scene
 
 
 @dataclass(frozen=True)
@@ -123,6 +124,13 @@ class Robot(Protocol):
 
     def move_object(self, name: str, pose: np.ndarray) -> None:
         """Move an object of the motion; that of running nodes is where /tf has it."""
+
+    def surround(self, scene: Scene) -> None:
+        """
+        Keep away from volumes, and lead motions around them.
+
+        :raises GdmpError: if they are refused
+        """
 
     def guide(self, guided: bool) -> None:
         """Let the arm be guided by hand, or let it hold."""

@@ -18,6 +18,7 @@ from gdmp_ros.manifolds.manifold import Manifold
 from gdmp_ros.playback.prediction import likely_path
 from gdmp_ros.playback.settings import PlayerSettings
 from gdmp_ros.playback.streamed_skill import Kind, StreamedSkill
+from gdmp_ros.scene import Volume
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.path_check import DURATIONS
 from gdmp_ros.sim.urdf import Shape, shapes
@@ -198,12 +199,13 @@ def _mesh(shape: Shape) -> trimesh.Trimesh:
     return mesh
 
 
-#: Colour of a path before a correction.
-BEFORE = (150, 150, 220)
+#: Colours: of a path before a correction, of one around obstacles, of these.
+BEFORE, _AROUND, _VOLUME = (150, 150, 220), (20, 130, 60), (217, 115, 51)
 #: What can be hidden, with its colour and what it is.
 LAYERS: dict[str, tuple[_Colour | None, str]] = {
     'arm': (None, 'the arm'), 'path': (colour(1), 'the path of the skill; red: out of reach'),
-    'before': (BEFORE, 'the path before a correction'),
+    'around': (_AROUND, 'the path that is executed: around what is in the way'),
+    'before': (BEFORE, 'the path before a correction'), 'surroundings': (_VOLUME, 'obstacles'),
     'takes': ((150, 150, 150), 'takes'), 'variation': (colour(3), '95 % of takes lie inside'),
     'stiffness': (colour(2), 'stiffness: long where the arm is stiff'),
     'run': (colour(5), 'what was sent, in a recorded run'),
@@ -241,6 +243,7 @@ class Scene:
         self._batches: dict[str, Any] = {}
         self._handles: dict[str, Any] = {}
         self._marks: dict[str, Any] = {}
+        self._volumes: dict[str, Any] = {}
 
     def look(self, view: View) -> None:
         """Look from somewhere: in browsers that come, and in those that are there."""
@@ -262,6 +265,8 @@ class Scene:
                 drawn.visible = visible
         if layer == 'arm':
             self.arm.hide(not visible)
+        for drawn in self._volumes.values() if layer == 'surroundings' else ():
+            drawn.visible = visible
 
     def line(self, name: str, positions: np.ndarray | None, paint: _Colour,
              wrong: np.ndarray | None = None) -> None:
@@ -324,6 +329,28 @@ class Scene:
         self._tool.visible = pose is not None
         if pose is not None:
             self._tool.position, self._tool.wxyz = pose[:3], pose[3:]
+
+    def volume(self, name: str, volume: Volume | None) -> None:
+        """Draw something that stands around the arm, or remove it."""
+        known = self._volumes.pop(name, None)
+        if known is not None:
+            known.remove()
+        if volume is None or volume.kind == 'plane':
+            return
+        if volume.kind == 'box':
+            mesh = trimesh.creation.box(volume.size)
+        elif volume.kind == 'sphere':
+            mesh = trimesh.creation.icosphere(subdivisions=3, radius=volume.radius)
+        else:
+            mesh = trimesh.creation.capsule(volume.size[1], volume.radius)
+        self._volumes[name] = self._scene.add_mesh_simple(
+            f'/volumes/{name}', mesh.vertices, mesh.faces, color=_VOLUME, opacity=0.6,
+            position=volume.pose[:3], wxyz=volume.pose[3:],
+            visible='surroundings' not in self._hidden)
+
+    def volumes(self) -> Sequence[str]:
+        """Names of the volumes that are drawn."""
+        return list(self._volumes)
 
     def mark(self, name: str, pose: np.ndarray | None,
              clicked: Callable[[Any], Any] | None = None) -> None:

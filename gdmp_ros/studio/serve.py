@@ -25,6 +25,7 @@ from gdmp_ros.errors import DataError, GdmpError
 from gdmp_ros.studio.app import Studio
 from gdmp_ros.studio.robot import Robot
 from gdmp_ros.studio.run_panel import RunPanel, SequencePanel, TimePanel, ViewPanel
+from gdmp_ros.studio.scene_panel import ScenePanel
 from gdmp_ros.studio.skill_panel import CorrectPanel, SkillPanel
 from gdmp_ros.studio.teach_panel import TeachPanel
 from gdmp_ros.studio.workbench import Workbench
@@ -196,6 +197,8 @@ def page_of(studio: Studio) -> None:
             SequencePanel(studio)
     with tabs.add_tab('teach'):
         teach = TeachPanel(studio)
+    with tabs.add_tab('surroundings'):
+        ScenePanel(studio)
     for panel in (teach, correct):
         server.on_client_disconnect(lambda _, panel=panel: studio.jobs.put(panel.release))
     with gui.add_folder('time'):

@@ -26,10 +26,12 @@ from gdmp_ros.playback.settings import PlayerSettings, StreamSettings
 from gdmp_ros.playback.states import Status
 from gdmp_ros.playback.streamer import Streamer
 from gdmp_ros.realtime.loop import Clock, Loop, NS, SystemClock
+from gdmp_ros.scene import Scene
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.closed_loop import ClosedLoop
 from gdmp_ros.sim.path_check import Reach
 from gdmp_ros.sim.teaching import Hand
+from gdmp_ros.sim.tool_shape import tool_of
 from gdmp_ros.studio.commands import Commands
 from gdmp_ros.studio.robot import RobotView
 
@@ -119,6 +121,7 @@ class SimulatedRobot:
         self._streamer = Streamer(round(arm.period * NS), MeasuredInputs(pose, joints),
                                   StreamSettings(), PlayerSettings(),
                                   kinematics=Reach(Arm(model)))
+        self._streamer.surroundings.tool = tool_of(Arm(model))
         self._streamer.activate(round(arm.period * NS))
         self._take: RecordedTake | None = None
         self._acted, self._acted_at = np.zeros(len(LIMITS)), np.full(len(LIMITS), -np.inf)
@@ -193,6 +196,10 @@ class SimulatedRobot:
         return FollowedMotion(*self._streamer.record.arrays())
 
     # The arm
+
+    def surround(self, scene: Scene) -> None:
+        self._loop.controller.surround(scene)
+        self._streamer.surround(scene)
 
     def guide(self, guided: bool) -> None:
         self.stop()

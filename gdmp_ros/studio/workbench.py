@@ -4,6 +4,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+import re
 
 import numpy as np
 
@@ -19,8 +20,11 @@ from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.dmp.via import through
 from gdmp_ros.errors import DataError
 from gdmp_ros.learning.correction import correction, FollowedMotion, Push
+from gdmp_ros.scene import read_scene, Scene
+from gdmp_ros.scene.scene import MAX_BYTES
 from gdmp_ros.studio.commands import Changes
 from gdmp_ros.studio.scene import check_shown, of_run, ShownMotion
+from gdmp_ros.util.files import read_text
 
 #: Most messages on a topic of a bag.
 LARGEST = 600_000
@@ -47,6 +51,7 @@ class Workbench:
     :ivar skills: by name
     :ivar runs: what was sent and what the arm did, by name of the bag
     :ivar sequences: by name of the file
+    :ivar scene: what stands around the arm
     :ivar chosen: name of the skill that is changed; empty without one
     :ivar changes: of that skill
     """
@@ -58,6 +63,7 @@ class Workbench:
         self.skills: dict[str, Skill] = {}
         self.runs: dict[str, tuple[ShownMotion, ShownMotion]] = {}
         self.sequences: dict[str, SkillSequence] = {}
+        self.scene = Scene()
         self.chosen = ''
         self.changes = self._saved = Changes()
         self._past: list[Changes] = []
@@ -136,7 +142,7 @@ class Workbench:
 
     def open(self, source: Path) -> str:
         """
-        Open a skill file, a sequence file, a take, a folder of takes, or a recorded run.
+        Open a skill, a sequence, a scene, a take, a folder of takes, or a recorded run.
 
         :returns: what it is
         :raises DataError: if it cannot be read
@@ -146,6 +152,9 @@ class Workbench:
         if source.suffix == '.json' and not source.is_dir():
             return f'skill {self.open_skill(source)}'
         if source.suffix in SEQUENCES and not source.is_dir():
+            if _is_scene(source):
+                self.scene = read_scene(source)
+                return f'scene with {len(self.scene)} volumes'
             self.open_sequence(source)
             return f'sequence {source.name}'
         found = takes.bags_in(source)
@@ -303,6 +312,12 @@ def _with_pose(point: np.ndarray, pose: np.ndarray) -> np.ndarray:
     result = np.array(point, dtype=float)
     result[:len(pose)] = pose
     return result
+
+
+def _is_scene(path: Path) -> bool:
+    """Whether a YAML file is a scene, and not a sequence."""
+    text = read_text(path, 'scene', MAX_BYTES)
+    return re.search(r'^volumes\s*:', text, re.MULTILINE) is not None
 
 
 def _is_run(bag: Path) -> bool:

@@ -6,6 +6,7 @@ import pytest
 
 from gdmp_ros import Demonstration, Skill
 from gdmp_ros.data import bags, recordings
+from gdmp_ros.scene import read_scene
 from test.data.test_objects import transform
 from test.motions import circles
 from test.studio.lockstep import opened_page
@@ -381,3 +382,34 @@ def test_files_are_opened_from_the_page(folder, monkeypatch):
         panel = next(part for part in page._parts()
                      if getattr(part, 'label', None) == 'send a skill file from this browser')
         assert panel is not None
+
+
+def test_obstacles_are_added_dragged_and_the_motion_is_led_around(page, folder):
+    skill = Skill.load(folder / 'skill.json')
+    path = skill.reproduce(0.02).points[:, :3]
+    middle = path[np.argmax(np.linalg.norm(path - path[0], axis=1))]
+    page.click('remove it')
+    page.wait_text('refused: nothing is chosen')
+    page.enter('kind', 'sphere')
+    page.click('add something')
+    page.wait('the handle', lambda _: page.studio.scene.handles('thing ') or None)
+    page.enter('size [m]', (0.02, 0.0, 0.0))
+    assert page.studio.bench.scene['sphere 1'].size == (0.02,)
+    page.drag('thing sphere 1', middle - page.position('thing sphere 1'))
+    found = page.wait('the way', lambda text: re.search(
+        r'led around sphere 1: ([\d.]+) times as long|blocked by sphere 1', text))
+    assert found
+    page.spend(0.1)
+    known = page.studio.robot._loop.controller.scene
+    np.testing.assert_allclose(known['sphere 1'].pose[:3], middle, atol=1e-6)
+    page.enter('scene.yaml', 'around.yaml')
+    page.click('save the scene')
+    page.wait_text('around.yaml')
+    back = read_scene(folder / 'around.yaml')
+    np.testing.assert_allclose(back['sphere 1'].pose[:3], middle, atol=1e-5)
+    page.click('remove it')
+    page.wait('nothing', lambda text: 'led around sphere' not in text and 'blocked by' not in text)
+    assert page.studio.scene.volumes() == []
+    with opened_page(folder, 'skill.json', 'around.yaml') as other:
+        other.wait('the scene', lambda _: other.studio.scene.volumes() or None)
+        assert other.part('thing').value == 'sphere 1'
