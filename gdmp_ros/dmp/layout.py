@@ -15,7 +15,7 @@ from gdmp_ros.kernels import inlined, jitable, matrix_at, numbers_at, records_at
 from gdmp_ros.manifolds.factors import FACTOR, work_size
 
 #: Most obstacles at a time, and numbers of each (`gdmp_ros.dmp.obstacles`).
-OBSTACLE_CAPACITY, OBSTACLE_SIZE = 32, 13
+OBSTACLE_CAPACITY, OBSTACLE_SIZE = 64, 13
 
 #: Sizes of the parts. ``obstacle_factor``: the factor that avoids obstacles, -1 for none;
 #: ``position``: the size of that factor, or 0. ``views``: task frames that the motion is seen from

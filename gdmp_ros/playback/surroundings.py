@@ -8,13 +8,19 @@ import numpy as np
 from gdmp_ros.dmp.sequence import MotionStep, SkillSequence
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.learning.detour import detour, leads_around
+from gdmp_ros.manifolds.poses import compose
 from gdmp_ros.playback.settings import PlayerSettings
 from gdmp_ros.playback.streamed_skill import StreamedSkill
+from gdmp_ros.scene.distance import distances
 from gdmp_ros.scene.route import Tool
 from gdmp_ros.scene.scene import Scene
+from gdmp_ros.scene.volume import Volume
 
 #: A volume that has moved further than this since a motion began is bent around [m].
 MOVED_M = 0.01
+#: Parts of a mesh or of a cloud do if they reach this far beyond what was known [m]: two cells.
+PART_M = 0.05
+_CORNERS = np.stack(np.meshgrid(*3 * [[-1.0, 1.0]]), axis=-1).reshape(-1, 3)
 #: What is further from the tool point than this is no part of the ball around it [m].
 TOOL_M = 0.15
 
@@ -77,10 +83,19 @@ class Surroundings:
         """What has come or moved since the motion began, and the tool may not touch."""
         may = set() if self.tool is None else self.tool.links
         return Scene([volume for volume in self.scene.around
-                      if not may.intersection(volume.allowed) and (volume.name not in self._known
-                      or volume.kind != self._known[volume.name].kind
-                      or np.abs(volume.pose[:3] - self._known[volume.name].pose[:3]).max()
-                      > MOVED_M)], self.scene.margin)
+                      if not may.intersection(volume.allowed) and self._is_new(volume)],
+                     self.scene.margin)
+
+    def _is_new(self, volume: Volume) -> bool:
+        """Whether a volume has come, or moved."""
+        if '#' in volume.name:
+            # A part is cut in another way from time to time: new is what covers other places.
+            corners = np.array([compose(volume.pose, np.array([*corner, 1.0, 0.0, 0.0, 0.0]))[:3]
+                                for corner in volume.half * _CORNERS])
+            return bool(distances(self._known.packed(), corners).max() > PART_M)
+        known = next((one for one in self._known if one.name == volume.name), None)
+        return (known is None or volume.kind != known.kind
+                or bool(np.abs(volume.pose[:3] - known.pose[:3]).max() > MOVED_M))
 
     @property
     def radius(self) -> float:

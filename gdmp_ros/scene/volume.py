@@ -29,7 +29,7 @@ LARGEST = 1e3
 HALF, RADIUS, POSE, TWIST, MARGIN, ALLOWED, THERE = 0, 3, 4, 11, 17, 18, 19
 VOLUME_SIZE = 20
 #: Most volumes at a time.
-CAPACITY = 32
+CAPACITY = 64
 #: In `Volume.allowed`: what the arm carries.
 CARRIED = 'carried'
 #: Most capsules around one volume that is carried.

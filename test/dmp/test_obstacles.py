@@ -40,8 +40,8 @@ def test_an_obstacle_is_passed_at_a_distance_with_bounded_acceleration(rng):
 
 def test_invalid_obstacles_are_refused(rng):
     rollout = Rollout(Skill.learn(motion(Euclidean(3), rng)))
-    with pytest.raises(ParameterError, match='up to 32'):
-        rollout.set_obstacles(np.zeros((33, 3)))
+    with pytest.raises(ParameterError, match='up to 64'):
+        rollout.set_obstacles(np.zeros((65, 3)))
     with pytest.raises(ParameterError, match='of 3 numbers'):
         rollout.set_obstacles(np.zeros((2, 2)))
     with pytest.raises(ParameterError, match='no position'):

@@ -62,5 +62,5 @@ def test_a_file_that_is_wrong_is_refused_with_the_place(text, reason, tmp_path):
 def test_there_are_not_too_many():
     scene = Scene([Volume(f'{k}', 'sphere', (0.1,), HERE) for k in range(CAPACITY)])
     scene.put(Volume('3', 'box', (0.1, 0.1, 0.1), HERE))
-    with pytest.raises(DataError, match='32 volumes already'):
+    with pytest.raises(DataError, match='64 volumes already'):
         scene.put(Volume('more', 'sphere', (0.1,), HERE))
