@@ -82,7 +82,7 @@ def test_a_person_says_go_quits_goes_on_and_repeats(running, folder, start):
     code, text = improve(running, folder, '\nq\n')
     assert code == 0 and 'every roll-out is kept; the same command continues' in text, text
     assert '2 roll-outs; see better.html; kept in better.jsonl' in text
-    assert 'mm from the skill before' in text and 'Enter: go, w: worst' in text
+    assert 'mm from the skill before' in text and 'Enter: go, w: do not try it' in text
     assert len(outcomes(folder)) == 1 and not (folder / 'better.json').exists()
     check_back(running, start)
     # Go; repeat it; go; go on.
