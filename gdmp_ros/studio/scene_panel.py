@@ -30,6 +30,7 @@ class ScenePanel:
         self._size.on_update(studio.entered(self._resize, 'size'))
         gui.add_button('remove it').on_click(studio.later(self._remove))
         self._file = gui.add_text('scene file', 'scene.yaml')
+        self._replace = gui.add_checkbox('replace an existing scene', False)
         gui.add_button('save the scene').on_click(studio.later(self._save))
         studio.on_takes.append(self._opened)
         studio.on_motion.append(self._show)
@@ -70,6 +71,9 @@ class ScenePanel:
         path = Path(self._file.value.strip())
         if path.suffix not in ('.yaml', '.yml'):
             raise DataError(f'scene file {path}: expected a name that ends in .yaml')
+        if path.exists() and not self._replace.value:
+            raise DataError(f'{path}: exists already; tick "replace an existing scene", or choose '
+                            'another name')
         write_scene(path, self._studio.bench.scene)
         self._studio.notify('saved', str(path.absolute()), 'green')
 

@@ -76,8 +76,8 @@ class SkillPanel:
                 (np.array([0.0, 1.0]), nothing, nothing, nothing), tuple(series),
                 scales={'x': viser.uplot.Scale(time=False)}, height=220)
         with gui.add_folder('files'):
-            self._opened = gui.add_text('open', '', hint='skill, sequence, take, folder of takes, '
-                                        'or recorded run; counted from the folder where the '
+            self._opened = gui.add_text('open', '', hint='skill, sequence, scene, take, folder of '
+                                        'takes, or recorded run; counted from the folder where the '
                                         'studio was started')
             gui.add_button('open the file').on_click(studio.later(self._open))
             upload = gui.add_upload_button('send a skill file from this browser',

@@ -405,6 +405,8 @@ def test_obstacles_are_added_dragged_and_the_motion_is_led_around(page, folder):
     page.enter('scene.yaml', 'around.yaml')
     page.click('save the scene')
     page.wait_text('around.yaml')
+    page.click('save the scene')
+    page.wait_text('around.yaml: exists already; tick')
     back = read_scene(folder / 'around.yaml')
     np.testing.assert_allclose(back['sphere 1'].pose[:3], middle, atol=1e-5)
     page.click('remove it')
