@@ -77,8 +77,8 @@ class SkillPanel:
                 scales={'x': viser.uplot.Scale(time=False)}, height=220)
         with gui.add_folder('files'):
             self._opened = gui.add_text('open', '', hint='skill, sequence, scene, take, folder of '
-                                        'takes, or recorded run; counted from the folder where the '
-                                        'studio was started')
+                                        'takes, or recorded run; counted from the folder where '
+                                        'the studio was started')
             gui.add_button('open the file').on_click(studio.later(self._open))
             upload = gui.add_upload_button('send a skill file from this browser',
                                            mime_type='application/json')
