@@ -164,6 +164,8 @@ class ImpedanceController:
         :param postures: one after another [rad], shape (T, n)
         :raises ParameterError: if a link would come nearer to a volume than its margin
         """
+        if self._held:
+            raise ParameterError(self._held)
         scene, places = self._next_scene or self.scene, [self.memory.position.copy(), *postures]
         volumes = scene.packed(self._body.bits)
         if not len(volumes):
@@ -301,7 +303,8 @@ class ImpedanceController:
         pose = arm.reference[POSE:POSE + 7]
         stored = stored_energy(before, arm.reference, arm.gains)
         wanted = moved_with_tool(arm.reference, before, after, arm.gains)
-        self._put_end(end)
+        # What it carries has not moved: `surround` tells where it is in the new tool.
+        arm.end[:] = end
         arm.governed[:] = self._chain.near(wanted, arm.governed, end)
         pose[:] = self._chain.pose_at(arm.governed, end)
         if not stored_energy(after, arm.reference, arm.gains) - stored <= self.tank.energy:
@@ -350,9 +353,13 @@ class ImpedanceController:
             return ''
         if self._held:
             return self._held
-        return ('what holds the tool' if scalars.blocking < 0.0 else
-                row_name(int(scalars.blocking), len(self._joints.torque), self._body.names,
-                         self._body.links, self.scene.names))
+        if scalars.blocking < 0.0:
+            return 'what holds the tool'
+        try:
+            return row_name(int(scalars.blocking), len(self._joints.torque), self._body.names,
+                            self._body.links, self.scene.names)
+        except IndexError:  # of a scene before the present one
+            return ''
 
     @property
     def clearance(self) -> tuple[float, str]:
@@ -361,6 +368,8 @@ class ImpedanceController:
         if not len(self.scene) or scalars.nearest < 0.0:
             return np.inf, ''
         volume, link = divmod(int(scalars.nearest), len(self._body.links))
+        if volume >= len(self.scene.names):  # of a scene before the present one
+            return np.inf, ''
         return float(scalars.clearance), f'{self._body.links[link]} and {self.scene.names[volume]}'
 
     @property

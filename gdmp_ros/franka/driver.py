@@ -50,7 +50,10 @@ class FrankaDriver:
         """
         self.robot, self.wall_time = robot, wall_time
         flange = Arm('fr3', 'flange', hand=False)
-        self.chain, self.body = flange.chain, flange.shape
+        self.chain = flange.chain
+        # Whatever hangs there may be a hand: it is kept away from obstacles, and is no obstacle.
+        whole = Arm('fr3').shape
+        self.body = flange.shape._replace(capsules=whole.capsules, links=whole.links)
         self.joints = replace(flange.limits, cycle=CYCLE_S)
         self.friction = np.zeros(len(self.joints.torque))
         self.dt, self.lost = CYCLE_S, 0

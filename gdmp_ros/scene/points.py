@@ -338,6 +338,8 @@ class PointMap:
         means = np.empty((most, 3))
         found, finite = _gather(points, pose, self._low, self.cell, self._shape, self._slots,
                                 cells, means, counts)
+        if not finite:
+            return 0  # a cloud that shows nothing makes nothing free
         keep = counts[:found] >= self._least
         cells, means = cells[:found][keep], means[:found][keep]
         belongs = np.zeros(len(means), dtype=bool)

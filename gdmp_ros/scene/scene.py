@@ -80,7 +80,9 @@ class Scene:
 
     def remove(self, name: str) -> None:
         """Remove a volume, or the parts ``name#1`` and so on of one; none is no error."""
-        for known in [known for known in self._volumes if known.partition('#')[0] == name]:
+        parts = [known for known in self._volumes
+                 if known.startswith(f'{name}#') and known[len(name) + 1:].isdigit()]
+        for known in [*parts, *(known for known in self._volumes if known == name)]:
             del self._volumes[known]
 
     def clear(self) -> None:

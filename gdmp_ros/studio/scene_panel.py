@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gdmp_ros.errors import DataError
+from gdmp_ros.errors import DataError, GdmpError
 from gdmp_ros.scene import Scene, Volume, write_scene
 from gdmp_ros.studio.app import Studio
 
@@ -79,9 +79,14 @@ class ScenePanel:
 
     def _opened(self) -> None:
         """Use a scene that was opened."""
-        if self._studio.bench.scene is not self._last:
-            self._last = self._studio.bench.scene
-            self._studio.surround(self._last)
+        bench = self._studio.bench
+        if bench.scene is not self._last:
+            before, self._last = self._last, bench.scene
+            try:
+                self._studio.surround(self._last)
+            except GdmpError:
+                bench.scene = self._last = before
+                raise
 
     def _show(self) -> None:
         scene = self._studio.bench.scene

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import viser
 
+from gdmp_ros.choices import SEQUENCES
 from gdmp_ros.data import foreign
 from gdmp_ros.dmp.frames import BASE
 from gdmp_ros.dmp.options import SHORTEST_DURATION
@@ -20,6 +21,7 @@ from gdmp_ros.studio.commands import Changes
 from gdmp_ros.studio.robot import RobotView
 from gdmp_ros.studio.run_panel import RunPanel
 from gdmp_ros.studio.scene import BEFORE, check_shown, of_skill
+from gdmp_ros.studio.workbench import is_scene
 from gdmp_ros.view.style import INK
 
 NONE = 'none yet'
@@ -172,6 +174,9 @@ class SkillPanel:
         studio, name = self._studio, self._opened.value.strip()
         if not name:
             raise DataError('open: expected the name of a file or folder')
+        if Path(name).suffix in SEQUENCES and not studio.bench.sequences and (
+                not is_scene(Path(name))):
+            raise DataError(f'{name}: a sequence is opened at the start: gdmp studio {name}')
         found = studio.bench.open(Path(name))
         for tell in studio.on_takes:
             tell()

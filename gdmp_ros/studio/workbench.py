@@ -152,7 +152,7 @@ class Workbench:
         if source.suffix == '.json' and not source.is_dir():
             return f'skill {self.open_skill(source)}'
         if source.suffix in SEQUENCES and not source.is_dir():
-            if _is_scene(source):
+            if is_scene(source):
                 self.scene = read_scene(source)
                 return f'scene with {len(self.scene)} volumes'
             self.open_sequence(source)
@@ -314,7 +314,7 @@ def _with_pose(point: np.ndarray, pose: np.ndarray) -> np.ndarray:
     return result
 
 
-def _is_scene(path: Path) -> bool:
+def is_scene(path: Path) -> bool:
     """Whether a YAML file is a scene, and not a sequence."""
     text = read_text(path, 'scene', MAX_BYTES)
     return re.search(r'^volumes\s*:', text, re.MULTILINE) is not None

@@ -15,6 +15,7 @@ from gdmp_ros.control.surroundings import (
     SLACK,
     surroundings_rows,
 )
+from gdmp_ros.errors import ParameterError
 from gdmp_ros.manifolds.poses import compose
 from gdmp_ros.scene import Scene, Volume
 from gdmp_ros.sim.arm import Arm
@@ -278,3 +279,25 @@ def test_an_arm_that_is_held_back_stands_says_why_and_goes_on():
     assert held == pytest.approx(stands, abs=1e-3) and 0.1 < held < 0.25
     assert loop.arm.measure().pose[1] - start[1] == pytest.approx(0.3, abs=0.005)
     assert np.linalg.norm(accelerations, axis=1).max() < 15.0 and loop.controller.scale == 1.0
+
+
+def test_joints_do_not_begin_to_move_while_the_arm_is_held_back():
+    loop = blocked_loop()
+    loop.controller.check_way(Arm().home[None])
+    loop.controller.hold_back('the last cloud of points is 2.0 s old')
+    with pytest.raises(ParameterError, match='2.0 s old'):
+        loop.controller.check_way(Arm().home[None])
+
+
+def test_a_scene_that_becomes_smaller_leaves_no_wrong_name():
+    loop = blocked_loop()
+    start = loop.arm.measure().pose[:3]
+    things = [Volume(f'{k}', 'sphere', (0.03,), np.array([*start + [0, 0.2 + 0.1 * (5 - k), 0],
+                                                          1.0, 0, 0, 0])) for k in range(5)]
+    loop.controller.surround(Scene(things, MARGIN))
+    loop.tick()
+    assert loop.controller.clearance[1].endswith('and 4')
+    loop.controller.memory.scalars.blocking = 1e6
+    loop.controller.memory.scalars.blocked = 1.0
+    loop.controller.scene = Scene(things[:1], MARGIN)
+    assert loop.controller.clearance == (np.inf, '') and loop.controller.blocked == ''

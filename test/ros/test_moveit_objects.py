@@ -73,19 +73,22 @@ def known():
     arm = Arm()
 
     class Known:
-        scene, refused, tool = Scene(), [], arm.pose_at(arm.home)
+        def __init__(self):
+            self.scene, self.refused, self.time = Scene(), [], 0.0
+            self.tool = arm.pose_at(arm.home)
+            self.frames = {'world': WORLD, BASE: None}
 
         def beside(self, source, volumes):
             self.scene = Scene(volumes)
 
         def place_of(self, header):
-            if header.frame_id not in ('world', BASE):
+            if header.frame_id not in self.frames:
                 raise FrameError(f'frame {header.frame_id!r} is not connected')
-            return WORLD if header.frame_id == 'world' else None
+            return self.frames[header.frame_id]
     made = Known()
     made.objects = PlanningObjects(made, made.place_of, lambda: tool_frames(arm, BASE),
                                    lambda: made.tool, lambda: link_names(arm, BASE),
-                                   made.refused.append)
+                                   made.refused.append, lambda: made.time)
     return made
 
 
@@ -173,11 +176,30 @@ def test_a_planning_scene_replaces_all_or_only_adds_and_says_what_may_touch(know
     (CollisionObject('a', primitives=[SolidPrimitive(type=9)], primitive_poses=[Pose()]),
      'type 9'),
     (CollisionObject('a', planes=[Plane(coef=[0.0] * 4)], plane_poses=[Pose()]), 'a normal'),
+    (CollisionObject('held', MOVE), 'it is attached'),
+    (box('a#1', (0, 0, 0)), 'parts of an object'),
     (AttachedCollisionObject(CollisionObject('b')), 'not known'),
     (AttachedCollisionObject(box('b', (0, 0, 0)), 'panda_link3'), 'moves with the tool')])
 def test_what_is_wrong_is_refused_and_changes_nothing(known, message, reason):
     known.objects.take_object(box('there', (0.0, 0.0, 0.0)))
+    known.objects.take_attached(AttachedCollisionObject(box(
+        'held', (0, 0, 0), header=Header(frame_id='panda_hand'))))
     take = (known.objects.take_attached if isinstance(message, AttachedCollisionObject)
             else known.objects.take_object)
     take(message)
+    known.time += 1.0
+    known.objects.look()
     assert reason in known.refused[-1] and known.scene.names == ('there',)
+
+
+def test_a_message_waits_for_its_frame_and_what_is_attached_is_not_of_the_world(known):
+    known.objects.take_object(box('far', (0, 0, 0), header=Header(frame_id='moon')))
+    known.objects.take_object(box('near', (0.0, 0.0, 0.0)))
+    assert known.scene.names == () and known.refused == []
+    known.frames['moon'] = WORLD
+    known.objects.look()
+    assert known.scene.names == ('far', 'near')
+    known.objects.take_attached(AttachedCollisionObject(CollisionObject('near')))
+    known.objects.take_object(CollisionObject('near', REMOVE))
+    known.objects.take_object(CollisionObject('', REMOVE))
+    assert known.scene.names == () and known.scene['near'].carried

@@ -18,10 +18,10 @@ from gdmp_ros.ros.clients.testbed import ARM, SERVER
 from gdmp_ros.ros.messages import stamp_of, stamped_transform
 from gdmp_ros.ros.middleware import latched
 from gdmp_ros.ros.scene.messages import markers_of, scene_message, scene_of, volumes_of
-from gdmp_ros.scene import Scene, Volume
+from gdmp_ros.scene import Scene, Volume, write_scene
 from gdmp_ros.scene.distance import distances
 from gdmp_ros.sim.arm import Arm
-from test.ros.nodes import FRAME
+from test.ros.nodes import FRAME, open_testbed
 from test.scene.camera import box, picture
 
 
@@ -311,3 +311,60 @@ def test_the_motions_of_a_sequence_are_led_around_too(running, around, skill, tm
     way = np.array([[state.pose.position.x, state.pose.position.y] for state in states])
     assert np.linalg.norm(way - skill.goal[:2], axis=1).min() < 0.01
     assert np.linalg.norm(way[-1] - skill.start[:2]) < 0.01
+
+
+def known_by(running, node=ARM):
+    scenes = []
+    running.subscribe(Scene_, f'{node}/surroundings', lambda message: scenes.append(
+        scene_of(message)), late=True)
+    return scenes
+
+
+def test_what_is_let_go_rests_and_what_is_not_told_again_stands_although_clouds_come(
+        running, around, seen):
+    scenes = known_by(running)
+    held = marker(Marker.CUBE, [0.0, 0.0, 0.12], (0.04, 0.04, 0.04), 'cube', frame_locked=True)
+    held.header.frame_id = 'panda_hand'
+    around(held)
+    held.frame_locked = False
+    around(held)
+    running.wait('the scene', lambda: scenes and scenes[-1].names == ('cube',), 5.0)
+    assert not scenes[-1]['cube'].twist.any()
+    for k in range(5):
+        around(marker(Marker.SPHERE, [0.9, 0.9 - 0.03 * k, 0.5], (0.1, 0.1, 0.1), 'ball'))
+    running.wait('its velocity', lambda: scenes[-1]['ball'].twist[1] < -0.05, 5.0)
+    speed = scenes[-1]['ball'].twist[1]
+    seen([box('crate', (0.3, 0.4, 0.15), (0.2, 0.1, 0.3))], 1.0)
+    # It went on for 0.3 s, and stands.
+    assert not scenes[-1]['ball'].twist.any()
+    went = scenes[-1]['ball'].pose[1] - (0.9 - 0.03 * 4)
+    assert went == pytest.approx(0.3 * speed, abs=0.01)
+
+
+def test_a_marker_is_deleted_by_its_number_and_parts_have_names_of_their_own(running, around):
+    scenes, reports = known_by(running), []
+    running.subscribe(ArmStatus, f'{ARM}/status', reports.append)
+    around(marker(Marker.CUBE, name='crate', ns='camera', id=7))
+    running.wait('the scene', lambda: scenes and 'crate' in scenes[-1], 5.0)
+    around(Marker(action=Marker.DELETE, ns='camera', id=7))
+    running.wait('nothing', lambda: len(scenes[-1]) == 0, 5.0)
+    around(marker(Marker.CUBE, name='crate#1'))
+    running.wait('the refusal', lambda: 'for the parts of a volume' in reports[-1].last_refusal,
+                 5.0)
+
+
+def test_the_server_keeps_the_margin_of_the_arm(tmp_path, skill_file):
+    scene = Scene([Volume('post', 'sphere', (0.05,), np.array([0.9, 0.5, 0.2, 1, 0, 0, 0.0]))],
+                  0.07)
+    write_scene(tmp_path / 'scene.yaml', scene)
+    with open_testbed(tmp_path / 'nodes', skill_file) as nodes:
+        nodes.start(arm={'scene_file': str(tmp_path / 'scene.yaml')})
+        nodes.spend(0.5)
+        server = nodes.children.processes[SERVER].node
+        assert server.streamer.surroundings.scene['post'].margin == 0.07
+
+
+def test_too_many_cells_are_refused_before_anything_runs(tmp_path, skill_file):
+    with open_testbed(tmp_path / 'nodes', skill_file) as nodes, pytest.raises(GdmpError):
+        nodes.start_arm(cloud_range=3.0, cloud_cell=0.005)
+        nodes.wait('the arm', lambda: bool(nodes.robot), 5.0)

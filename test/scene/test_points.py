@@ -130,3 +130,14 @@ def test_points_of_the_arm_and_of_known_volumes_do_not_count_but_erase_nothing(r
     broken = picture([thing], rng)
     broken[::2] = np.nan
     assert PointMap(1.2, CELL, 3).see(broken, CAMERA) == len(broken) // 2
+
+
+def test_a_cloud_that_shows_nothing_makes_nothing_free(rng):
+    thing = box('thing', (0.5, 0.1, 0.1), (0.1, 0.1, 0.2))
+    points = picture([thing], rng) * [1.0, -1.0, -1.0] + CAMERA[:3]
+    still = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+    blind = PointMap(1.2, CELL, 3)
+    blind.see(points, still, looks=False)
+    for nothing in 4 * (np.empty((0, 3)), np.full((10, 3), np.nan)):
+        assert blind.see(nothing, still, looks=False) == 0
+    assert distances(Scene(blind.volumes(24)).packed(), thing.pose[None, :3] + [0, 0, 0.09]) < 0.03

@@ -16,6 +16,7 @@ from gdmp_ros.control.arm_states import Request, State
 from gdmp_ros.control.limits import LIMITS
 from gdmp_ros.control.surroundings import LAST_SEEN_S
 from gdmp_ros.errors import DataError, GdmpError, ParameterError
+from gdmp_ros.manifolds.poses import compose, inverse
 from gdmp_ros.realtime.loop import Loop, NS, priority_beside, RunningLoop
 from gdmp_ros.realtime.statistics import LatenessRecorder
 from gdmp_ros.ros.arm.backend import ArmBackend
@@ -124,16 +125,28 @@ class ArmNode(ManagedNode):
             self, self.parameters.frame_id, late=True)
 
         def in_tool() -> dict[str, np.ndarray]:
-            return tool_frames(arm, p.frame_id)
+            # The tool that is controlled may be another one than that of the model.
+            there = compose(inverse(self.control.driver.end_pose), arm.end_pose)
+            return {name: compose(there, pose)
+                    for name, pose in tool_frames(arm, p.frame_id).items()}
         self._scene_out = self.add_publisher(SceneMessage, '~/surroundings', 1, late=True)
         topics = SceneTopics(self, frames.place_of, p, self._surround, self._refuse, in_tool)
         PlanningObjects(topics, frames.place_of, in_tool,
                         lambda: self.control.controller.memory.pose.copy(),
-                        lambda: link_names(arm, p.frame_id), self._refuse).listen(self)
+                        self._known_links, self._refuse,
+                        lambda: self.clock.now() / NS).listen(self)
         CloudTopic(self, topics, frames.place_of, p, self._own_capsules, self._hold_back,
                    self._refuse)
 
-    def _own_capsules(self, stamp: int) -> np.ndarray:
+    def _known_links(self) -> dict[str, str]:
+        """Links of the description that the controller has a shape of, and their names there."""
+        known = self.control.driver.body.bits
+        return {name: own for name, own in link_names(
+            self.backend.model, self.parameters.frame_id).items() if own in known}
+
+    def _own_capsules(self, stamp: int) -> np.ndarray | None:
+        if not self.active or self.control.states.state in (State.FAULT, State.INACTIVE):
+            return None
         age = min(max((self.time_ns() - stamp) / NS, 0.0), LAST_SEEN_S)
         return self.control.controller.capsules(age)
 

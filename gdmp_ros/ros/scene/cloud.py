@@ -8,7 +8,7 @@ import numpy as np
 from sensor_msgs.msg import PointCloud2, PointField
 
 from gdmp_ros.data.bags import ns_of
-from gdmp_ros.errors import DataError, GdmpError
+from gdmp_ros.errors import DataError, GdmpError, ParameterError
 from gdmp_ros.manifolds.poses import IDENTITY
 from gdmp_ros.realtime.loop import NS
 from gdmp_ros.ros.frames import FrameError
@@ -22,6 +22,8 @@ from gdmp_ros.scene.volume import CAPACITY
 
 #: Most boxes of a cloud.
 MOST_BOXES = 24
+#: Most cells of the region.
+MOST_CELLS = 8_000_000
 #: Larger ones are refused [bytes].
 MOST_BYTES = 64_000_000
 SPECS = (
@@ -79,7 +81,7 @@ class CloudTopic:
 
     def __init__(self, node: ManagedNode, scene: SceneTopics,
                  place_of: Callable[[Any], np.ndarray | None], parameters: Any,
-                 own: Callable[[int], np.ndarray], hold: Callable[[str], None],
+                 own: Callable[[int], np.ndarray | None], hold: Callable[[str], None],
                  refuse: Callable[[str], None]):
         """
         Subscribe.
@@ -88,13 +90,18 @@ class CloudTopic:
         :param place_of: see `SceneTopics`, as ``refuse``
         :param parameters: with `SPECS`
         :param own: gives capsules of the arm at a time [ns], in the base; shape (m, 7), of
-            `gdmp_ros.scene.volume.Volume.capsules`
+            `gdmp_ros.scene.volume.Volume.capsules`; None while it is not known where it is
         :param hold: lets the arm make no way, with the reason; it goes on when that is empty
         """
         self._scene, self._place_of, self._own = scene, place_of, own
         self._hold, self._refuse, self._clock = hold, refuse, node.clock
         self._time_ns = node.time_ns
         p = parameters
+        count = (2.0 * p.cloud_range / p.cloud_cell) ** 3
+        if count > MOST_CELLS:
+            raise ParameterError(f'cloud_range {p.cloud_range:g} m and cloud_cell '
+                                 f'{p.cloud_cell:g} m make {count:.3g} cells, expected at most '
+                                 f'{MOST_CELLS:g}')
         self._padding, self._timeout = p.cloud_padding, p.cloud_timeout
         self._map: PointMap | None = None
         self._new_map = lambda: PointMap(p.cloud_range, p.cloud_cell, p.cloud_least_points)
@@ -146,13 +153,15 @@ class CloudTopic:
             if not abs(old) < self._timeout:
                 raise DataError(f'its stamp is {old:.3g} s old, expected within '
                                 f'{self._timeout:g} s')
-            points = points_of(message)
+            points, own = points_of(message), self._own(ns_of(message.header.stamp))
+            if own is None:
+                return  # the arm would become its own obstacle
             if self._map is None:
                 self._map = self._new_map()
             others = Scene([volume for volume in self._scene.scene
                             if not volume.name.startswith('cloud#')])
             finite = self._map.see(points, IDENTITY if pose is None else pose,
-                                   self._own(ns_of(message.header.stamp)), others.packed(),
+                                   own, others.packed(),
                                    self._padding, pose is not None)
             if not finite:
                 raise DataError(f'none of {len(points)} points is finite')

@@ -6,6 +6,7 @@ of its own.
 """
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Mapping
 import importlib
 import importlib.util
@@ -15,9 +16,10 @@ import numpy as np
 
 from gdmp_ros.errors import DataError, GdmpError
 from gdmp_ros.manifolds.poses import compose, inverse
+from gdmp_ros.ros.frames import FrameError
 from gdmp_ros.ros.lifecycle import ManagedNode
 from gdmp_ros.ros.scene.messages import numbers_of
-from gdmp_ros.ros.scene.topics import SceneTopics
+from gdmp_ros.ros.scene.topics import PATIENCE_S, SceneTopics
 from gdmp_ros.scene.points import volumes_around
 from gdmp_ros.scene.volume import Volume
 
@@ -47,7 +49,8 @@ class PlanningObjects:
     def __init__(self, scene: SceneTopics, place_of: Callable[[Any], np.ndarray | None],
                  tool_frames: Callable[[], Mapping[str, np.ndarray]],
                  tool_pose: Callable[[], np.ndarray],
-                 link_names: Callable[[], Mapping[str, str]], refuse: Callable[[str], None]):
+                 link_names: Callable[[], Mapping[str, str]], refuse: Callable[[str], None],
+                 now: Callable[[], float]):
         """
         Begin without objects.
 
@@ -55,10 +58,12 @@ class PlanningObjects:
         :param place_of: see `SceneTopics`, as ``tool_frames`` and ``refuse``
         :param tool_pose: gives the present pose of the tool
         :param link_names: gives the names of the arm's links in its description, and in its model
+        :param now: gives the time [s]
         """
         self._scene, self._place_of, self._refuse = scene, place_of, refuse
         self._tool_frames, self._tool_pose = tool_frames, tool_pose
         self._objects: dict[str, _Object] = {}
+        self._now, self._waiting = now, deque[tuple[Callable[[], None], float]]()
         self._link_names, self._allowed = link_names, dict[str, tuple[str, ...]]()
 
     def listen(self, node: ManagedNode) -> None:
@@ -70,48 +75,74 @@ class PlanningObjects:
         node.add_subscription(kinds.AttachedCollisionObject, 'attached_collision_object',
                               self.take_attached, 10)
         node.add_subscription(kinds.PlanningScene, 'planning_scene', self.take_scene, 10)
+        node.add_report(self.look)
 
     def take_object(self, message: Any) -> None:
         """Take a ``moveit_msgs/CollisionObject``."""
-        self._take(dict(self._objects), [message], [])
+        self._queue(lambda: self._take(True, [message], []))
 
     def take_attached(self, message: Any) -> None:
         """Take a ``moveit_msgs/AttachedCollisionObject``."""
-        self._take(dict(self._objects), [], [message])
+        self._queue(lambda: self._take(True, [], [message]))
 
     def take_scene(self, message: Any) -> None:
         """Take a ``moveit_msgs/PlanningScene``, or a difference of one."""
-        matrix, names = message.allowed_collision_matrix, self._link_names()
-        if matrix.entry_names:
-            self._allowed = {
-                name: tuple(names[other] for other, enabled in zip(
-                    matrix.entry_names, row.enabled) if enabled and other in names)
-                for name, row in zip(matrix.entry_names, matrix.entry_values)}
-        self._take(dict(self._objects) if message.is_diff else {},
-                   message.world.collision_objects,
-                   message.robot_state.attached_collision_objects)
+        def take() -> None:
+            matrix, names = message.allowed_collision_matrix, self._link_names()
+            before = self._allowed
+            if matrix.entry_names:
+                self._allowed = {
+                    name: tuple(names[other] for other, enabled in zip(
+                        matrix.entry_names, row.enabled) if enabled and other in names)
+                    for name, row in zip(matrix.entry_names, matrix.entry_values)}
+            try:
+                self._take(message.is_diff, message.world.collision_objects,
+                           message.robot_state.attached_collision_objects)
+            except GdmpError:
+                self._allowed = before
+                raise
+        self._queue(take)
 
-    def _take(self, objects: dict[str, _Object], free: Any, attached: Any) -> None:
-        """:param objects: to change"""
-        try:
-            for given in free:
-                self._change(objects, given)
-            for given in attached:
-                self._change_attached(objects, given)
-            self._scene.beside('moveit', [
-                volume for name, one in objects.items()
-                for volume in _volumes(name, one, self._allowed.get(name, ()))])
-        except GdmpError as error:
-            self._refuse(f'MoveIt: {error}')
-            return
+    def _queue(self, take: Callable[[], None]) -> None:
+        self._waiting.append((take, self._now() + PATIENCE_S))
+        self.look()
+
+    def look(self) -> None:
+        """Take what waits for a frame; messages come once, in their order."""
+        while self._waiting:
+            take, latest = self._waiting[0]
+            try:
+                take()
+            except GdmpError as error:
+                if isinstance(error, FrameError) and self._now() < latest:
+                    return
+                self._refuse(f'MoveIt: {error}')
+            self._waiting.popleft()
+
+    def _take(self, difference: bool, free: Any, attached: Any) -> None:
+        """:raises GdmpError: if nothing of it is taken"""
+        objects = dict(self._objects) if difference else {}
+        for given in free:
+            self._change(objects, given)
+        for given in attached:
+            self._change_attached(objects, given)
+        self._scene.beside('moveit', [
+            volume for name, one in objects.items()
+            for volume in _volumes(name, one, self._allowed.get(name, ()))])
         self._objects = objects
 
     def _change(self, objects: dict[str, _Object], given: Any) -> None:
         known = objects.get(given.id)
         if given.operation == REMOVE:
+            # What is attached is no object of the world.
             for name in [given.id] if given.id else list(objects):
-                objects.pop(name, None)
+                if name in objects and not objects[name].carried:
+                    del objects[name]
             return
+        if known is not None and known.carried and given.operation in (MOVE, APPEND):
+            raise DataError(f'object {given.id!r}: it is attached: detach it first')
+        if '#' in given.id:
+            raise DataError(f'object {given.id!r}: # is for the parts of an object')
         place = self._place_of(given.header)
         pose = numbers_of(given.pose) if place is None else compose(place, numbers_of(given.pose))
         if given.operation == MOVE:

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from visualization_msgs.msg import Marker, MarkerArray
 
-from gdmp_ros.errors import GdmpError
-from gdmp_ros.manifolds.poses import compose
+from gdmp_ros.control.surroundings import LAST_SEEN_S
+from gdmp_ros.errors import DataError, GdmpError
+from gdmp_ros.manifolds.poses import compose, moved_on
 from gdmp_ros.manifolds.quaternion import rotation_between
 from gdmp_ros.realtime.loop import NS
 from gdmp_ros.ros.frames import FrameError
@@ -62,9 +63,10 @@ class SceneTopics:
         self.scene, self._beside = self._told.copy(), dict[str, list[Volume]]()
         self._ends: dict[str, float] = {}
         self._seen: dict[str, float] = {}
+        # Names of markers by namespace and number: DELETE need not repeat the text.
+        self._names: dict[tuple[str, int], str] = {}
         self._waiting = deque[tuple[MarkerArray, float]]()
-        if len(self.scene):
-            use(self.scene)
+        use(self.scene)
         node.add_subscription(MarkerArray, '~/scene', self._on_markers, 10)
         node.add_report(self._forget)
 
@@ -78,6 +80,13 @@ class SceneTopics:
 
     def _change(self, told: Scene, beside: dict[str, list[Volume]] | None = None) -> None:
         scene, beside = told.copy(), self._beside if beside is None else beside
+        now = self._node.clock.now() / NS
+        for volume in told:
+            if volume.twist.any():
+                # Where it is by now; one that was not told again stands.
+                passed = now - self._seen.get(volume.name, now)
+                moved = moved_on(volume.pose, volume.twist, min(passed, LAST_SEEN_S))
+                scene.put(volume.at(moved, volume.twist if passed < LAST_SEEN_S else None))
         for volumes in beside.values():
             for volume in volumes:
                 if volume.name not in scene:
@@ -87,23 +96,24 @@ class SceneTopics:
 
     def _on_markers(self, message: MarkerArray) -> None:
         # In their order.
-        self._waiting.append((message, self._node.clock.now() / NS + PATIENCE_S))
+        self._waiting.append((message, self._node.clock.now() / NS))
         self._read()
 
     def _read(self) -> None:
         """Take the markers that have come, as far as their frames are known."""
         while self._waiting:
-            message, latest = self._waiting[0]
-            told, now = self._told.copy(), self._node.clock.now() / NS
+            message, came = self._waiting[0]
+            told, before = self._told.copy(), (
+                dict(self._seen), dict(self._ends), dict(self._names))
             try:
                 for marker in message.markers:
-                    self._take(told, marker, now)
+                    self._take(told, marker, came)
                 self._change(told)
-            except FrameError as error:
-                if now < latest:
-                    return
-                self._refuse(f'~/scene: {error}')
             except GdmpError as error:
+                self._seen, self._ends, self._names = before
+                if isinstance(error, FrameError) and (
+                        self._node.clock.now() / NS < came + PATIENCE_S):
+                    return
                 self._refuse(f'~/scene: {error}')
             self._waiting.popleft()
 
@@ -111,10 +121,14 @@ class SceneTopics:
         if marker.action == Marker.DELETEALL:
             told.clear()
             return
+        number = marker.ns, marker.id
         name = marker_name(marker)
         if marker.action == Marker.DELETE:
-            told.remove(name)
+            told.remove(name if marker.text else self._names.get(number, name))
             return
+        if '#' in name:
+            raise DataError(f'marker {name!r}: # is for the parts of a volume')
+        self._names[number] = name
         volumes, frame = volumes_of(marker), marker.header.frame_id
         # The arm carries what is locked to a frame of its tool.
         in_tool = self._tool_frames() if marker.frame_locked else {}
@@ -133,7 +147,7 @@ class SceneTopics:
     def _twist(self, name: str, pose: np.ndarray, now: float) -> np.ndarray:
         """How a volume moves that has come before."""
         twist, passed = np.zeros(6), now - self._seen.get(name, -math.inf)
-        if name not in self._told or not 1e-3 < passed < AGAIN_S:
+        if name not in self._told or not 1e-3 < passed < AGAIN_S or self._told[name].carried:
             return twist
         last = self._told[name].pose
         twist[:3] = (pose[:3] - last[:3]) / passed

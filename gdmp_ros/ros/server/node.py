@@ -3,6 +3,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 import shutil
@@ -29,7 +30,7 @@ from gdmp_ros.playback.streamed_skill import Kind
 from gdmp_ros.playback.streamer import READ_EVERY, Streamer
 from gdmp_ros.realtime.loop import Loop, NS, periodic, priority_beside
 from gdmp_ros.realtime.native import DEADLINE, LEFT, prepared, STAMP
-from gdmp_ros.ros.frames import BaseFrame
+from gdmp_ros.ros.frames import BaseFrame, FrameError
 from gdmp_ros.ros.lifecycle import CHECK_EVERY, ManagedNode
 from gdmp_ros.ros.middleware import CLOCK_DEPTH, reliable, Subscription
 from gdmp_ros.ros.parameters import Parameters, settings_from, Spec, specs_of
@@ -184,8 +185,10 @@ class TrajectoryServer(ManagedNode):
             self.streamer.refusals.add,
             dict if checker is None else lambda: checker.tool_frames(parameters.frame_id))
         arm = parameters.arm_status_topic.rpartition('/')[0]
+        self._surroundings: SceneMessage | None = None
         self.add_subscription(SceneMessage, f'{arm}/surroundings', self._on_surroundings, 1,
                               late=True)
+        self.add_report(self._look_again)
         self._skills = SkillLoader(self.streamer, checker, self.get_logger())
         self._skills.use_that_of(parameters)
         self._refinement = Refinement(self.streamer, self._skills, self.get_logger())
@@ -384,13 +387,25 @@ class TrajectoryServer(ManagedNode):
 
     def _on_surroundings(self, message: SceneMessage) -> None:
         """Lead motions around what the arm keeps away from, too."""
+        self._surroundings = None
         try:
             scene, place = scene_of(message), self._base.place_of(message.header)
-            self._scene.beside('arm', [
+            self._scene.beside('arm', [replace(
                 volume if place is None or volume.carried
-                else volume.at(compose(place, volume.pose)) for volume in scene])
+                else volume.at(compose(place, volume.pose)),
+                margin=scene.margin if volume.margin is None else volume.margin)
+                for volume in scene])
+        except FrameError as error:
+            # It comes once: /tf_static may be later.
+            self._surroundings = message
+            self.streamer.refusals.add(f'surroundings of the arm: {error}')
         except GdmpError as error:
             self.streamer.refusals.add(f'surroundings of the arm: {error}')
+
+    def _look_again(self) -> None:
+        """Read surroundings in a frame that was not known before."""
+        if self._surroundings is not None:
+            self._on_surroundings(self._surroundings)
 
     def _publish_report(self) -> None:
         player = self.streamer.player
