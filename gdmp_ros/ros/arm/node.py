@@ -135,6 +135,8 @@ class ArmNode(ManagedNode):
                         lambda: self.control.controller.memory.pose.copy(),
                         self._known_links, self._refuse,
                         lambda: self.clock.now() / NS).listen(self)
+        # A server may still have those of the last run.
+        self._tell(topics.scene)
         CloudTopic(self, topics, frames.place_of, p, self._own_capsules, self._hold_back,
                    self._refuse)
 
@@ -266,6 +268,9 @@ class ArmNode(ManagedNode):
         self.control.controller.surround(scene)
         self.backend.surround(scene)
         self.commands.called()
+        self._tell(scene)
+
+    def _tell(self, scene: Scene) -> None:
         self._scene_out.publish(scene_message(scene, self.parameters.frame_id, self.stamp()))
 
     def _refuse(self, reason: str) -> None:

@@ -66,7 +66,8 @@ class SceneTopics:
         # Names of markers by namespace and number: DELETE need not repeat the text.
         self._names: dict[tuple[str, int], str] = {}
         self._waiting = deque[tuple[MarkerArray, float]]()
-        use(self.scene)
+        if len(self.scene):
+            use(self.scene)
         node.add_subscription(MarkerArray, '~/scene', self._on_markers, 10)
         node.add_report(self._forget)
 
