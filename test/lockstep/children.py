@@ -78,9 +78,14 @@ class RecordingChild:
 
     def __init__(self, network, arguments, log):
         bag, *topics = arguments
+        best_effort = []
+        while '--best-effort' in topics:
+            at = topics.index('--best-effort')
+            best_effort.append(topics[at + 1])
+            del topics[at:at + 2]
         participant = network.client('recorder')
         recording = Recording(participant, Path(bag),
-                              dict(pair.split('=', 1) for pair in topics))
+                              dict(pair.split('=', 1) for pair in topics), best_effort)
         self._participant = participant
         self._running = participant.clock.start(recording.record(log.lines.append))
 
