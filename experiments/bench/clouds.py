@@ -1,6 +1,7 @@
 """Clouds of points: CPU load of an arm that follows them, and of one that only receives them."""
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 import tempfile
 from typing import Any, TYPE_CHECKING
@@ -21,27 +22,31 @@ TITLE = 'clouds of 300,000 points, ten a second: cores of the node of an arm'
 POINTS, RATE_HZ, LONGEST_S = 300_000, 10.0, 20.0
 #: The camera is 1.2 m above the base, in front of it, and looks down.
 _EYE = np.array([0.5, 0.0, 1.2, 0.0, 1.0, 0.0, 0.0])
-#: What stands on the floor: place and size [m].
-_BOXES = (((0.55, 0.25, 0.08), (0.1, 0.1, 0.16)), ((0.65, -0.2, 0.1), (0.1, 0.15, 0.2)),
-          ((0.35, -0.35, 0.15), (0.06, 0.06, 0.3)), ((0.8, 0.3, 0.05), (0.1, 0.2, 0.1)))
+#: What stands on the floor.
+_BOXES = [Volume(f'{k}', 'box', size, np.array([*place, 1.0, 0.0, 0.0, 0.0]))
+          for k, (place, size) in enumerate((
+              ((0.55, 0.25, 0.08), (0.1, 0.1, 0.16)), ((0.65, -0.2, 0.1), (0.1, 0.15, 0.2)),
+              ((0.35, -0.35, 0.15), (0.06, 0.06, 0.3)), ((0.8, 0.3, 0.05), (0.1, 0.2, 0.1))))]
 
 
-def seen(rng: np.random.Generator, count: int = POINTS) -> np.ndarray:
+def seen(volumes: Sequence[Volume], rng: np.random.Generator, count: int, noise: float,
+         eye: np.ndarray, wide: tuple[float, float] = (0.8, 0.6)) -> np.ndarray:
     """
-    Points that the camera sees of boxes on the floor, with 2 mm of noise.
+    Points that a camera, which looks down, sees of boxes and of the floor.
 
+    :param noise: standard deviation [m]
+    :param eye: pose of the camera; its axes are x, -y and -z of the base
+    :param wide: tangents of half of the angles of view
     :returns: in the frame of the camera, shape (count, 3) [m]
     """
-    ways = np.column_stack([rng.uniform(-0.8, 0.8, count), rng.uniform(-0.6, 0.6, count),
-                            np.ones(count)])
+    ways = np.column_stack([wide * rng.uniform(-1.0, 1.0, (count, 2)), np.ones(count)])
     base = ways * [1.0, -1.0, -1.0]
-    depth = np.full(count, _EYE[2])
-    for place, size in _BOXES:
-        box = Volume('box', 'box', size, np.array([*place, 1.0, 0.0, 0.0, 0.0]))
-        first, last = ((box.pose[:3] + side * box.half - _EYE[:3]) / base for side in (-1.0, 1.0))
+    depth = np.full(count, eye[2])
+    for box in volumes:
+        first, last = ((box.pose[:3] + side * box.half - eye[:3]) / base for side in (-1.0, 1.0))
         enters, leaves = np.minimum(first, last).max(axis=1), np.maximum(first, last).min(axis=1)
         depth = np.where((enters < leaves) & (enters < depth), enters, depth)
-    return np.asarray(ways * depth[:, None] + rng.normal(0.0, 0.002, (count, 3)))
+    return np.asarray(ways * depth[:, None] + rng.normal(0.0, noise, (count, 3)))
 
 
 def run(settings: timing.TimingSettings) -> dict[str, Any]:
@@ -72,7 +77,8 @@ def _measured(bed: NodeTestbed, seconds: float) -> dict[str, Any]:
     rng = np.random.default_rng(1)
     clouds = [PointCloud2(
         height=1, width=POINTS, point_step=16, row_step=16 * POINTS, is_bigendian=False,
-        data=np.pad(seen(rng).astype('<f4'), ((0, 0), (0, 1))).tobytes(),
+        data=np.pad(seen(_BOXES, rng, POINTS, 0.002, _EYE).astype('<f4'),
+                    ((0, 0), (0, 1))).tobytes(),
         fields=[PointField(name=field, offset=4 * k, datatype=PointField.FLOAT32, count=1)
                 for k, field in enumerate('xyz')]) for _ in range(3)]
     process = psutil.Process(bed.children.processes[node].pid)

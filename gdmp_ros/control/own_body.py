@@ -269,8 +269,7 @@ def clearances(chain: Chain, body: Body, position: np.ndarray) -> np.ndarray:
 
     :param position: of the joints [rad]
     """
-    n, m = len(position), len(body.capsules)
-    ends, way, far = np.empty((2 * m, 3)), np.empty(3), np.empty(3)
-    place_capsules(*chain, position, body.capsules, np.empty((n + 1, 7)), np.empty((n, 3)), ends)
+    ends = np.ascontiguousarray(placed(chain, body, position)[:, :6]).reshape(-1, 3)
+    way, far = np.empty(3), np.empty(3)
     return np.array([_distance(body.capsules, ends, a, b, way, far) - body.capsules[a, 7]
                      - body.capsules[b, 7] for a, b in body.pairs.astype(int)])

@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 import threading
 from typing import Any, NamedTuple, Protocol
@@ -23,6 +23,8 @@ from gdmp_ros.ros.middleware import deserialized
 NS = 1_000_000_000
 #: How long transforms are remembered [s].
 MEMORY_S = 10.0
+#: What is told once waits this long for the transform of its frame [s].
+PATIENCE_S = 0.5
 #: Frames in a chain, to find loops.
 LONGEST_CHAIN = 1000
 _SPHERE = UnitQuaternion()
@@ -35,6 +37,42 @@ _AUTHORITY = 'gdmp_ros'
 
 class FrameError(GdmpError):
     """It is not known where a frame is, at that time or at all."""
+
+
+class Waiting:
+    """What is told once, and waits for its frame; in its order."""
+
+    def __init__(self, now: Callable[[], float], refuse: Callable[[str], None]):
+        """
+        Begin empty.
+
+        :param now: gives the time [s]
+        :param refuse: called with the reason for what is not taken
+        """
+        self._now, self._refuse = now, refuse
+        self._rows = deque[tuple[Callable[[float], None], float]]()
+
+    def add(self, take: Callable[[float], None]) -> None:
+        """
+        Take something now, or when its frame is known.
+
+        :param take: called with the time at which it came [s]; raises a `FrameError` before its
+            frame is known, and another `GdmpError` to refuse it
+        """
+        self._rows.append((take, self._now()))
+        self.look()
+
+    def look(self) -> None:
+        """Take what can be taken."""
+        while self._rows:
+            take, came = self._rows[0]
+            try:
+                take(came)
+            except GdmpError as error:
+                if isinstance(error, FrameError) and self._now() < came + PATIENCE_S:
+                    return
+                self._refuse(str(error))
+            self._rows.popleft()
 
 
 class Transform(NamedTuple):

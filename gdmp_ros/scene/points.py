@@ -1,6 +1,7 @@
 """Points as volumes: boxes around those of a mesh or of a cloud, and what a sensor still sees."""
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -172,8 +173,13 @@ def volumes_around(name: str, points: Any, triangles: Any = (), most: int = MESH
         size = np.maximum(last - first, 1e-4) + thickness
         found.append(Volume(name, 'box', tuple(size), compose(pose, np.array(
             [*(0.5 * (first + last)), 1.0, 0.0, 0.0, 0.0])), **others))
-    return found if len(found) == 1 else [replace(volume, name=f'{name}#{k}')
-                                          for k, volume in enumerate(found, 1)]
+    return as_parts(name, found)
+
+
+def as_parts(name: str, volumes: Sequence[Volume]) -> list[Volume]:
+    """Volumes as the parts of one: of its name if it is alone, otherwise ``name#1`` and so on."""
+    return [replace(volume, name=name if len(volumes) == 1 else f'{name}#{k}')
+            for k, volume in enumerate(volumes, 1)]
 
 
 def _on_triangles(corners: np.ndarray, spacing: float) -> np.ndarray:

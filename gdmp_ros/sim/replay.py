@@ -11,7 +11,7 @@ from gdmp_ros.sim.arm import Arm
 
 
 class Replay:
-    """Puts an arm, and what has a joint of its own, where it was."""
+    """Puts an arm, and things that have joints, where they were."""
 
     def __init__(self, arm: Arm):
         """:param arm: with things that have joints of their names (`gdmp_ros.sim.volumes`)"""

@@ -92,7 +92,7 @@ class SkillPanel:
             gui.add_button('export the motion as CSV').on_click(studio.later(self._export))
         self._compared = gui.add_folder('compare', visible=False)
         self._boxes: dict[str, viser.GuiCheckboxHandle] = {}
-        self._named, self._selected, self._shown_handle = '', GOAL, ''
+        self._named, self._selected = '', GOAL
         for handle, change in ((self._goal, self._type_goal), (self._start, self._type_start),
                                (self._duration, self._type_duration)):
             handle.on_update(studio.entered(change, change.__name__))
@@ -314,8 +314,7 @@ class SkillPanel:
             self._handle.options = names
         if self._selected in names:
             self._handle.value = self._selected
-        for name in (*scene.marks(), *(name for name in scene.handles('') if name in scene.marks()
-                                       or name == self._shown_handle)):
+        for name in scene.marks():
             if name not in targets:
                 scene.mark(name, None)
                 scene.handle(name, None)
@@ -324,7 +323,6 @@ class SkillPanel:
             scene.mark(name, target.pose, self._studio.later(partial(self._select, name)))
             scene.handle(name, target.pose if selected else None, target.moved,
                          turns=target.turns)
-        self._shown_handle = self._selected
 
     def _show_verdict(self) -> None:
         verdict = self._studio.verdict

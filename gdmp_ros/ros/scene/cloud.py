@@ -11,11 +11,11 @@ from gdmp_ros.data.bags import ns_of
 from gdmp_ros.errors import DataError, GdmpError, ParameterError
 from gdmp_ros.manifolds.poses import IDENTITY
 from gdmp_ros.realtime.loop import NS
-from gdmp_ros.ros.frames import FrameError
+from gdmp_ros.ros.frames import FrameError, PATIENCE_S
 from gdmp_ros.ros.lifecycle import ManagedNode
 from gdmp_ros.ros.middleware import deserialized
 from gdmp_ros.ros.parameters import Spec
-from gdmp_ros.ros.scene.topics import PATIENCE_S, SceneTopics
+from gdmp_ros.ros.scene.topics import SceneTopics
 from gdmp_ros.scene.points import PointMap
 from gdmp_ros.scene.scene import Scene
 from gdmp_ros.scene.volume import CAPACITY
@@ -111,7 +111,7 @@ class CloudTopic:
         node.add_report(self.look)
 
     def look(self) -> None:
-        """Use the newest cloud, if there is one; hold the arm if there is none for too long."""
+        """Use the newest cloud; hold the arm if no cloud has come for too long."""
         now = self._clock.now()
         if self._waiting is None:
             self._take(now)

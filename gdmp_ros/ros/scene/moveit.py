@@ -6,7 +6,6 @@ of its own.
 """
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Mapping
 import importlib
 import importlib.util
@@ -16,11 +15,11 @@ import numpy as np
 
 from gdmp_ros.errors import DataError, GdmpError
 from gdmp_ros.manifolds.poses import compose, inverse
-from gdmp_ros.ros.frames import FrameError
+from gdmp_ros.ros.frames import Waiting
 from gdmp_ros.ros.lifecycle import ManagedNode
 from gdmp_ros.ros.scene.messages import numbers_of
-from gdmp_ros.ros.scene.topics import PATIENCE_S, SceneTopics
-from gdmp_ros.scene.points import volumes_around
+from gdmp_ros.ros.scene.topics import SceneTopics
+from gdmp_ros.scene.points import as_parts, volumes_around
 from gdmp_ros.scene.volume import Volume
 
 #: Operations of a ``CollisionObject``.
@@ -60,10 +59,10 @@ class PlanningObjects:
         :param link_names: gives the names of the arm's links in its description, and in its model
         :param now: gives the time [s]
         """
-        self._scene, self._place_of, self._refuse = scene, place_of, refuse
+        self._scene, self._place_of = scene, place_of
         self._tool_frames, self._tool_pose = tool_frames, tool_pose
         self._objects: dict[str, _Object] = {}
-        self._now, self._waiting = now, deque[tuple[Callable[[], None], float]]()
+        self._waiting = Waiting(now, lambda reason: refuse(f'MoveIt: {reason}'))
         self._link_names, self._allowed = link_names, dict[str, tuple[str, ...]]()
 
     def listen(self, node: ManagedNode) -> None:
@@ -79,15 +78,15 @@ class PlanningObjects:
 
     def take_object(self, message: Any) -> None:
         """Take a ``moveit_msgs/CollisionObject``."""
-        self._queue(lambda: self._take(True, [message], []))
+        self._waiting.add(lambda _: self._take(True, [message], []))
 
     def take_attached(self, message: Any) -> None:
         """Take a ``moveit_msgs/AttachedCollisionObject``."""
-        self._queue(lambda: self._take(True, [], [message]))
+        self._waiting.add(lambda _: self._take(True, [], [message]))
 
     def take_scene(self, message: Any) -> None:
         """Take a ``moveit_msgs/PlanningScene``, or a difference of one."""
-        def take() -> None:
+        def take(_: float) -> None:
             matrix, names = message.allowed_collision_matrix, self._link_names()
             before = self._allowed
             if matrix.entry_names:
@@ -101,23 +100,11 @@ class PlanningObjects:
             except GdmpError:
                 self._allowed = before
                 raise
-        self._queue(take)
-
-    def _queue(self, take: Callable[[], None]) -> None:
-        self._waiting.append((take, self._now() + PATIENCE_S))
-        self.look()
+        self._waiting.add(take)
 
     def look(self) -> None:
-        """Take what waits for a frame; messages come once, in their order."""
-        while self._waiting:
-            take, latest = self._waiting[0]
-            try:
-                take()
-            except GdmpError as error:
-                if isinstance(error, FrameError) and self._now() < latest:
-                    return
-                self._refuse(f'MoveIt: {error}')
-            self._waiting.popleft()
+        """Take what waits for a frame."""
+        self._waiting.look()
 
     def _take(self, difference: bool, free: Any, attached: Any) -> None:
         """:raises GdmpError: if nothing of it is taken"""
@@ -186,11 +173,9 @@ class PlanningObjects:
 
 
 def _volumes(name: str, one: _Object, links: tuple[str, ...]) -> list[Volume]:
-    """The volumes of an object, which links may touch; of several shapes ``name#1`` and so on."""
-    names = ([name] if len(one.shapes) == 1
-             else [f'{name}#{k}' for k in range(1, len(one.shapes) + 1)])
-    return [Volume(named, shape.kind, shape.size, compose(one.pose, shape.pose),
-                   allowed=links, carried=one.carried) for named, shape in zip(names, one.shapes)]
+    """The volumes of an object, which links may touch."""
+    return as_parts(name, [Volume(name, shape.kind, shape.size, compose(one.pose, shape.pose),
+                                  allowed=links, carried=one.carried) for shape in one.shapes])
 
 
 def _shapes(given: Any, may_be_empty: bool = False) -> tuple[Volume, ...]:

@@ -1,7 +1,6 @@
 """The topics of a scene: what others tell of the surroundings of an arm."""
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 import math
 from typing import Any
@@ -14,7 +13,7 @@ from gdmp_ros.errors import DataError, GdmpError
 from gdmp_ros.manifolds.poses import compose, moved_on
 from gdmp_ros.manifolds.quaternion import rotation_between
 from gdmp_ros.realtime.loop import NS
-from gdmp_ros.ros.frames import FrameError
+from gdmp_ros.ros.frames import Waiting
 from gdmp_ros.ros.lifecycle import ManagedNode
 from gdmp_ros.ros.parameters import Spec
 from gdmp_ros.ros.scene.messages import marker_name, volumes_of
@@ -23,8 +22,6 @@ from gdmp_ros.scene.volume import DEFAULT_MARGIN, Volume
 
 #: A volume that comes again within this time moves as it has moved since [s].
 AGAIN_S = 0.5
-#: Markers wait this long for the transform of their frame [s].
-PATIENCE_S = 0.5
 #: Slower ones rest: what a camera sees shakes [m/s, rad/s].
 RESTS_M_S, RESTS_RAD_S = 0.01, 0.1
 SPECS = (
@@ -56,7 +53,7 @@ class SceneTopics:
         :param tool_frames: gives `gdmp_ros.sim.tool_shape.tool_frames`
         :raises DataError: if the file cannot be read
         """
-        self._node, self._place_of, self._use, self._refuse = node, place_of, use, refuse
+        self._node, self._place_of, self._use = node, place_of, use
         self._tool_frames = tool_frames
         file = parameters.scene_file
         self._told = read_scene(file) if file else Scene(margin=parameters.scene_margin)
@@ -65,7 +62,8 @@ class SceneTopics:
         self._seen: dict[str, float] = {}
         # Names of markers by namespace and number: DELETE need not repeat the text.
         self._names: dict[tuple[str, int], str] = {}
-        self._waiting = deque[tuple[MarkerArray, float]]()
+        self._waiting = Waiting(lambda: node.clock.now() / NS,
+                                lambda reason: refuse(f'~/scene: {reason}'))
         if len(self.scene):
             use(self.scene)
         node.add_subscription(MarkerArray, '~/scene', self._on_markers, 10)
@@ -96,27 +94,18 @@ class SceneTopics:
         self.scene, self._told, self._beside = scene, told, beside
 
     def _on_markers(self, message: MarkerArray) -> None:
-        # In their order.
-        self._waiting.append((message, self._node.clock.now() / NS))
-        self._read()
+        self._waiting.add(lambda came: self._use_markers(message, came))
 
-    def _read(self) -> None:
-        """Take the markers that have come, as far as their frames are known."""
-        while self._waiting:
-            message, came = self._waiting[0]
-            told, before = self._told.copy(), (
-                dict(self._seen), dict(self._ends), dict(self._names))
-            try:
-                for marker in message.markers:
-                    self._take(told, marker, came)
-                self._change(told)
-            except GdmpError as error:
-                self._seen, self._ends, self._names = before
-                if isinstance(error, FrameError) and (
-                        self._node.clock.now() / NS < came + PATIENCE_S):
-                    return
-                self._refuse(f'~/scene: {error}')
-            self._waiting.popleft()
+    def _use_markers(self, message: MarkerArray, came: float) -> None:
+        """:raises GdmpError: if they are refused; nothing has changed then"""
+        told, before = self._told.copy(), (dict(self._seen), dict(self._ends), dict(self._names))
+        try:
+            for marker in message.markers:
+                self._take(told, marker, came)
+            self._change(told)
+        except GdmpError:
+            self._seen, self._ends, self._names = before
+            raise
 
     def _take(self, told: Scene, marker: Marker, now: float) -> None:
         if marker.action == Marker.DELETEALL:
@@ -161,7 +150,7 @@ class SceneTopics:
 
     def _forget(self) -> None:
         """Remove what has outlived its lifetime, and read what has waited."""
-        self._read()
+        self._waiting.look()
         now = self._node.clock.now() / NS
         gone = [name for name, ends in self._ends.items() if ends < now]
         if not gone:
