@@ -14,7 +14,15 @@ from gdmp_ros.control.friction import friction_torque, rest_scale
 from gdmp_ros.control.settings import GAIN_NUMBERS
 from gdmp_ros.control.spring import spring_wrench
 from gdmp_ros.control.target import ACCELERATION, DAMPING_RATIO, STIFFNESS, TWIST, WRENCH
-from gdmp_ros.kernels import kernel, local_matrix, local_numbers, local_zeros, records_at
+from gdmp_ros.kernels import (
+    kernel,
+    local_matrix,
+    local_numbers,
+    local_zeros,
+    matrix_at,
+    records_at,
+    vector_at,
+)
 from gdmp_ros.manifolds.linalg import (
     cholesky,
     invert_lower,
@@ -36,7 +44,7 @@ def task_inertia_inverse(inertia, jacobian, singularity, solved, result):
     """
     n = inertia.shape[0]
     lower, inverse = local_numbers(n * n), local_numbers(n * n)
-    cholesky(n, inertia.reshape(n * n), lower)
+    cholesky(n, vector_at(inertia, 0, n * n), lower)
     invert_lower(n, lower, inverse)
     half = local_matrix(n, 6)
     for i in range(n):
@@ -89,9 +97,9 @@ def design_damping(stiffness, inertia_inverse, damping_ratio, damping, inertia):
     m = stiffness.shape[0]
     lower, inverse = local_numbers(m * m), local_numbers(m * m)
     work, rotated = local_numbers(m * m), local_numbers(m * m)
-    cholesky(m, inertia_inverse.reshape(m * m), lower)
+    cholesky(m, vector_at(inertia_inverse, 0, m * m), lower)
     invert_lower(m, lower, inverse)
-    multiply(m, stiffness.reshape(m * m), lower, work)
+    multiply(m, vector_at(stiffness, 0, m * m), lower, work)
     transposed_multiply(m, lower, work, rotated)
     values, vectors = local_numbers(m), local_numbers(m * m)
     symmetric_eigen(m, rotated, values, vectors, work)
@@ -193,7 +201,7 @@ def external_wrench(jacobian, inertia, external, singularity, wrench):
     solved, inverse = local_matrix(n, 6), local_matrix(6, 6)
     lower, lower_inverse, work = local_numbers(36), local_numbers(36), local_numbers(6)
     task_inertia_inverse(inertia, jacobian, singularity, solved, inverse)
-    cholesky(6, inverse.reshape(36), lower)
+    cholesky(6, vector_at(inverse, 0, 36), lower)
     invert_lower(6, lower, lower_inverse)
     for j in range(6):
         work[j] = 0.0
@@ -233,7 +241,7 @@ def impedance_torque(q, dq, pose, jacobian, inertia, bias, friction, target, joi
     solved, rate, impulse = local_matrix(n, 6), local_numbers(6), local_zeros(6)
     inverse, damping, task_inertia = local_matrix(6, 6), local_matrix(6, 6), local_matrix(6, 6)
     task_inertia_inverse(inertia, jacobian, gains.singularity, solved, inverse)
-    stiffness = target[STIFFNESS:STIFFNESS + 36].reshape(6, 6)
+    stiffness = matrix_at(target, STIFFNESS, 6, 6)
     design_damping(stiffness, inverse, target[DAMPING_RATIO], damping, task_inertia)
     spring_wrench(pose, target, gain_numbers, force)
     pull = local_zeros(n)

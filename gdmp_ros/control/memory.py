@@ -15,7 +15,7 @@ from gdmp_ros.control.limits import LIMITS
 from gdmp_ros.control.own_body import CAPSULE_SIZE
 from gdmp_ros.control.settings import GAIN_NUMBERS, LIMIT_NUMBERS, TANK_NUMBERS
 from gdmp_ros.control.target import TARGET_SIZE
-from gdmp_ros.kernels import inlined, records_at, without_refcount
+from gdmp_ros.kernels import inlined, matrix_at, records_at, vector_at, without_refcount
 from gdmp_ros.scene.volume import CAPACITY, VOLUME_SIZE
 
 #: What a tick does: a spring at the tool, springs at the joints, damping alone, a joint motion.
@@ -193,49 +193,50 @@ def arm_view(numbers):
     at = _SIZES + _SCALARS
     tank = records_at(memory, at, 1, TANK_NUMBERS)[0]
     at += _TANK
-    gains, limits = memory[at:at + _GAINS], memory[at + _GAINS:at + _GAINS + _LIMITS]
+    gains, limits = vector_at(memory, at, _GAINS), vector_at(memory, at + _GAINS, _LIMITS)
     at += _GAINS + _LIMITS
-    bounds = memory[at:at + 72].reshape(2, 36)
-    pose, acceleration = memory[at + 72:at + 79], memory[at + 79:at + 85]
+    bounds = matrix_at(memory, at, 2, 36)
+    pose, acceleration = vector_at(memory, at + 72, 7), vector_at(memory, at + 79, 6)
     at += 85
-    jacobian = memory[at:at + 6 * n].reshape(6, n)
+    jacobian = matrix_at(memory, at, 6, n)
     at += 6 * n
-    inertia = memory[at:at + n * n].reshape(n, n)
+    inertia = matrix_at(memory, at, n, n)
     at += n * n
-    target, reference = memory[at:at + TARGET_SIZE], memory[at + TARGET_SIZE:at + 2 * TARGET_SIZE]
+    target = vector_at(memory, at, TARGET_SIZE)
+    reference = vector_at(memory, at + TARGET_SIZE, TARGET_SIZE)
     at += 2 * TARGET_SIZE
-    past = memory[at:at + 18].reshape(3, 6)
+    past = matrix_at(memory, at, 3, 6)
     at += 18
-    frames = memory[at:at + 7 * n].reshape(n, 7)
-    axes = memory[at + 7 * n:at + 10 * n].reshape(n, 3)
-    end = memory[at + 10 * n:at + 10 * n + 7]
+    frames = matrix_at(memory, at, n, 7)
+    axes = matrix_at(memory, at + 7 * n, n, 3)
+    end = vector_at(memory, at + 10 * n, 7)
     at += 10 * n + 7
-    moments, wanted_moments = (memory[at:at + 3 * n].reshape(n, 3),
-                               memory[at + 3 * n:at + 6 * n].reshape(n, 3))
+    moments, wanted_moments = matrix_at(memory, at, n, 3), matrix_at(memory, at + 3 * n, n, 3)
     at += 6 * n
-    capsules = memory[at:at + CAPSULE_SIZE * capsule_count].reshape(capsule_count, CAPSULE_SIZE)
+    capsules = matrix_at(memory, at, capsule_count, CAPSULE_SIZE)
     at += CAPSULE_SIZE * capsule_count
-    pairs = memory[at:at + 2 * pair_count].reshape(pair_count, 2)
-    nearness = memory[at + 2 * pair_count:at + 3 * pair_count]
+    pairs = matrix_at(memory, at, pair_count, 2)
+    nearness = vector_at(memory, at + 2 * pair_count, pair_count)
     at += 3 * pair_count
-    volumes = memory[at:at + CAPACITY * VOLUME_SIZE].reshape(CAPACITY, VOLUME_SIZE)
+    volumes = matrix_at(memory, at, CAPACITY, VOLUME_SIZE)
     at += CAPACITY * VOLUME_SIZE
-    depth = memory[at:at + CAPACITY * capsule_count].reshape(CAPACITY, capsule_count)
+    depth = matrix_at(memory, at, CAPACITY, capsule_count)
     at += CAPACITY * capsule_count
     size = 3 * n + 1
-    joint_target, joint_reference = memory[at:at + size], memory[at + size:at + 2 * size]
+    joint_target = vector_at(memory, at, size)
+    joint_reference = vector_at(memory, at + size, size)
     at += 2 * size
-    joint_limits = memory[at:at + 5 * n].reshape(5, n)
-    friction = memory[at + 5 * n:at + 7 * n].reshape(2, n)
-    credit = memory[at + 7 * n:at + 11 * n].reshape(4, n)
+    joint_limits = matrix_at(memory, at, 5, n)
+    friction = matrix_at(memory, at + 5 * n, 2, n)
+    credit = matrix_at(memory, at + 7 * n, 4, n)
     at += 11 * n
-    sent = memory[at:at + MOST_TORQUES * n].reshape(MOST_TORQUES, n)
+    sent = matrix_at(memory, at, MOST_TORQUES, n)
     at += MOST_TORQUES * n
-    joints = memory[at:at + 19 * n].reshape(19, n)
+    joints = matrix_at(memory, at, 19, n)
     at += 19 * n
-    tool, outside = memory[at:at + 30].reshape(5, 6), memory[at + 30:at + 33]
+    tool, outside = matrix_at(memory, at, 5, 6), vector_at(memory, at + 30, 3)
     at += 33
-    limited = memory[at:at + 3 * _LIMIT_COUNT].reshape(3, _LIMIT_COUNT)
+    limited = matrix_at(memory, at, 3, _LIMIT_COUNT)
     return ArmMemory(
         scalars, tank, gains, limits, bounds, pose, acceleration, jacobian, inertia, target,
         reference, past, frames, axes, end, moments, wanted_moments, capsules, pairs, nearness,

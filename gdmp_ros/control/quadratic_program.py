@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from gdmp_ros.kernels import kernel, local_numbers, local_zeros, noinline
+from gdmp_ros.kernels import kernel, local_numbers, local_zeros, noinline, vector_at
 from gdmp_ros.manifolds.linalg import cholesky, invert_lower
 
 #: Steps after which the search ends: each adds a row to the active ones, or removes one.
@@ -110,7 +110,7 @@ def solve(hessian, gradient, rows, bounds, x, multipliers):
     projected, step, change = local_numbers(n), local_numbers(n), local_numbers(n)
     active, dual = local_zeros(n + 1), local_zeros(n + 1)
     multipliers[:] = 0.0
-    cholesky(n, hessian.reshape(n * n), lower)
+    cholesky(n, vector_at(hessian, 0, n * n), lower)
     invert_lower(n, lower, root)
     # J = L⁻ᵀ, kept column by column: its columns are the rows of L⁻¹.
     for i in range(n):

@@ -29,6 +29,11 @@ def numbers_at(memory, at, count):
     return memory[at:at + count]
 
 
+def vector_at(memory, at, count):
+    """As `numbers_at`, of an array of any shape; in kernels an array, without bounds check."""
+    return memory.reshape(-1)[at:at + count]
+
+
 def matrix_at(memory, at, rows, columns):
     """``rows × columns`` numbers of a flat array as a matrix; in kernels without bounds check."""
     return memory[at:at + rows * columns].reshape(rows, columns)
@@ -179,6 +184,16 @@ def _numbers_at(typing_context, memory, at, count):
 
 
 @intrinsic
+def _vector_at(typing_context, memory, at, count):
+    def build(context, builder, signature, arguments):
+        data = builder.gep(_data_of(context, builder, memory, arguments[0]), [arguments[1]])
+        return _array_from(context, builder, VECTOR, data, [arguments[2]],
+                           [context.get_constant(types.intp, 8)])
+
+    return VECTOR(memory, types.intp, types.intp), build
+
+
+@intrinsic
 def _matrix_at(typing_context, memory, at, rows, columns):
     def build(context, builder, signature, arguments):
         array, at, rows, columns = arguments
@@ -219,6 +234,11 @@ def _without_refcount(typing_context, array):
 @overload(numbers_at)
 def _overload_numbers_at(memory, at, count):
     return lambda memory, at, count: _numbers_at(memory, at, count)
+
+
+@overload(vector_at)
+def _overload_vector_at(memory, at, count):
+    return lambda memory, at, count: _vector_at(memory, at, count)
 
 
 @overload(matrix_at)

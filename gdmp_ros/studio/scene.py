@@ -1,34 +1,20 @@
-"""What the page draws in space: arm, motions, paths, tubes, ellipsoids, handles."""
+"""What the page draws in space: arm, paths, tubes, ellipsoids, marks, handles."""
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import trimesh
 import viser
 
-from gdmp_ros.data import runs
-from gdmp_ros.dmp.demonstration import Demonstration
-from gdmp_ros.dmp.skill import Skill
-from gdmp_ros.errors import DataError
-from gdmp_ros.manifolds.manifold import Manifold
-from gdmp_ros.playback.prediction import likely_path
-from gdmp_ros.playback.settings import PlayerSettings
-from gdmp_ros.playback.streamed_skill import Kind, StreamedSkill
 from gdmp_ros.scene import Volume
 from gdmp_ros.sim.arm import Arm
-from gdmp_ros.sim.path_check import DURATIONS
 from gdmp_ros.sim.urdf import Shape, shapes
 from gdmp_ros.studio.first_view import FIELD_OF_VIEW, first_view, View
+from gdmp_ros.studio.motion import ShownMotion
 from gdmp_ros.view import style
 
-#: Ellipsoids along a tube.
-TUBE = 24
-#: Samples of a motion.
-SAMPLES = 240
 #: Radius of a mark [m].
 _MARK = 0.008
 #: Thickness of lines [pixels].
@@ -36,97 +22,6 @@ _LINE = 3.0
 _GHOST = (90, 140, 220)
 _Colour = tuple[int, int, int]
 
-
-@dataclass(frozen=True)
-class ShownMotion:
-    """
-    A motion of the tool.
-
-    :ivar times: [s], from 0 on, shape ``(T,)``
-    :ivar poses: (x, y, z, qw, qx, qy, qz), shape ``(T, 7)``
-    :ivar stiffness: translational [N/m], shape ``(T, 3, 3)``; None without one
-    :ivar joints: positions [rad], shape ``(T, n)``; None where they were not recorded
-    """
-
-    times: np.ndarray
-    poses: np.ndarray
-    stiffness: np.ndarray | None = None
-    joints: np.ndarray | None = None
-
-    @property
-    def duration(self) -> float:
-        """[s]."""
-        return float(self.times[-1])
-
-    @property
-    def length(self) -> float:
-        """Length of the path [m]."""
-        return float(np.linalg.norm(np.diff(self.poses[:, :3], axis=0), axis=1).sum())
-
-    @property
-    def speed(self) -> float:
-        """Largest speed [m/s]."""
-        steps = np.linalg.norm(np.diff(self.poses[:, :3], axis=0), axis=1)
-        return float((steps / np.maximum(np.diff(self.times), 1e-9)).max())
-
-    def index(self, time: float) -> int:
-        """Number of the sample at a time [s]."""
-        return int(np.clip(np.searchsorted(self.times, time), 0, len(self.times) - 1))
-
-    def thinned(self, count: int) -> ShownMotion:
-        """At most ``count`` samples of it."""
-        kept = np.unique(np.linspace(0, len(self.times) - 1, count).round().astype(int))
-        return ShownMotion(self.times[kept], self.poses[kept], *(
-            None if part is None else part[kept] for part in (self.stiffness, self.joints)))
-
-
-def check_shown(skill: Skill) -> None:
-    """:raises DataError: unless it is a skill of a pose"""
-    if StreamedSkill(skill, PlayerSettings()).kind is not Kind.TOOL:
-        raise DataError(f'the skill is on {skill.manifold!r}, expected the pose of a tool')
-
-
-def of_skill(skill: Skill) -> ShownMotion:
-    """The motion of a skill of a pose between its own ends; one cycle of a rhythmic one."""
-    last = skill.duration if skill.rhythmic else DURATIONS * skill.duration
-    times = np.linspace(0.0, last, SAMPLES)
-    return _of_points(times, skill.rollout().sample(times).points, skill.manifold)
-
-
-def of_demonstration(demo: Demonstration) -> ShownMotion:
-    """A demonstrated motion."""
-    return _of_points(demo.times - demo.times[0], demo.points, demo.manifold).thinned(SAMPLES)
-
-
-def _of_points(times: np.ndarray, points: np.ndarray, manifold: Manifold) -> ShownMotion:
-    return ShownMotion(times, points.reshape(len(times), -1)[:, :7],
-                       style.stiffness_of(manifold, points))
-
-
-def of_run(bag: Path) -> tuple[ShownMotion, ShownMotion]:
-    """
-    What was sent and what the arm did, in a recorded run.
-
-    :raises DataError: if the bag has no references and states
-    """
-    run = runs.read(bag)
-    first = run.state_stamps[0]
-    blocks = run.stiffness.reshape(-1, 6, 6)[:, :3, :3]
-    done = ShownMotion(1e-9 * (run.state_stamps - first), run.poses, blocks, run.joints)
-    sent = ShownMotion(1e-9 * (run.reference_stamps - first), run.references)
-    # Enough for a slider; the report shows every tick.
-    return sent.thinned(10 * SAMPLES), done.thinned(10 * SAMPLES)
-
-
-def tube(skill: Skill) -> tuple[np.ndarray, np.ndarray] | None:
-    """
-    How takes vary around a skill (`gdmp_ros.playback.prediction.likely_path`).
-
-    None for a skill of a single take, and with via points, which no take showed.
-    """
-    if skill.distribution is None or skill.via:
-        return None
-    return likely_path(skill, skill.start[:7], skill.goal[:7], TUBE)
 
 
 _BALL = trimesh.creation.icosphere(subdivisions=2)
