@@ -5,7 +5,7 @@ import numpy as np
 
 from experiments.baselines.baseline import accelerate, Baseline, H
 from experiments.baselines.transported import filter_goal, move
-from gdmp_ros.kernels import kernel, without_refcount
+from gdmp_ros.kernels import kernel
 from gdmp_ros.manifolds.spd import SymmetricPositiveDefinite
 
 log = SymmetricPositiveDefinite.kernels.log
@@ -15,10 +15,6 @@ log = SymmetricPositiveDefinite.kernels.log
 def _step(m, functions, weights, numbers, error, offset, scale, velocity, force, point, goal,
           new_goal, work):
     """Eqs. (17) and (22): tangents of different points are added as they are stored."""
-    error, velocity, force, point, goal, new_goal, work = (
-        without_refcount(error), without_refcount(velocity), without_refcount(force),
-        without_refcount(point), without_refcount(goal), without_refcount(new_goal),
-        without_refcount(work))
     log(m, point, goal, error, work)
     accelerate(functions, weights, numbers, error, offset, scale, velocity, force)
     move(m, point, velocity, numbers[H], work)

@@ -4,7 +4,7 @@ from __future__ import annotations
 import numpy as np
 
 from experiments.baselines.baseline import accelerate, Baseline, H
-from gdmp_ros.kernels import kernel, without_refcount
+from gdmp_ros.kernels import kernel
 from gdmp_ros.manifolds.quaternion import exp, log, UnitQuaternion
 
 S3 = UnitQuaternion()
@@ -13,7 +13,6 @@ S3 = UnitQuaternion()
 @kernel
 def _step(functions, weights, numbers, error, offset, scale, velocity, force, point, goal, work):
     """``e = 2 Log(Q_g * conj(Q))`` converges to 0 in Euclidean space; the velocity is -τ ė."""
-    work = without_refcount(work)
     log(3, point, goal, error, work)
     for i in range(3):
         error[i] *= 2.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 import numpy as np
 
 from experiments.baselines.baseline import accelerate, ALPHA_G, Baseline, H
-from gdmp_ros.kernels import kernel, without_refcount
+from gdmp_ros.kernels import kernel
 from gdmp_ros.manifolds.quaternion import exp, log, UnitQuaternion
 
 S3 = UnitQuaternion()
@@ -14,7 +14,6 @@ S3 = UnitQuaternion()
 def _step(functions, weights, numbers, error, offset, scale, velocity, force, point, goal,
           new_goal, work):
     """``τ η̇ = α_z (β_z 2 Log(g * q̄) - η) + f``, ``τ q̇ = ½ η * q``."""
-    work = without_refcount(work)
     h = numbers[H]
     log(3, point, goal, error, work)
     for i in range(3):

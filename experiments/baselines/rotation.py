@@ -5,7 +5,7 @@ import numpy as np
 
 from experiments.baselines.baseline import accelerate, ALPHA_G, Baseline, H
 from gdmp_ros.dmp.demonstration import Demonstration
-from gdmp_ros.kernels import kernel, without_refcount
+from gdmp_ros.kernels import kernel
 from gdmp_ros.manifolds.linalg import copy_into
 from gdmp_ros.manifolds.rotation import SpecialOrthogonal
 
@@ -17,7 +17,6 @@ exp, log = SO3.kernels.exp, SO3.kernels.log
 def _step(functions, weights, numbers, error, offset, scale, velocity, force, point, goal,
           new_goal, work):
     """``τ η̇ = α_z (β_z log(R_g Rᵀ) - η) + f``, ``τ Ṙ = [η] R``."""
-    work = without_refcount(work)
     h, moved, rest = numbers[H], work[:9], work[9:]
     log(3, point, goal, error, rest)
     accelerate(functions, weights, numbers, error, offset, scale, velocity, force)

@@ -18,7 +18,7 @@ from experiments.baselines.baseline import (
     H,
     integrate_spring,
 )
-from gdmp_ros.kernels import kernel, without_refcount
+from gdmp_ros.kernels import kernel
 from gdmp_ros.manifolds.linalg import (
     congruence,
     copy_into,
@@ -88,13 +88,6 @@ def filter_goal(m, numbers, goal, new_goal, vector, work):
 def _step_at_start(m, functions, weights, numbers, error, offset, scale, velocity, force, point,
                    goal, new_goal, start, work):
     """Transport the error to the start, and the velocity back to the point."""
-    functions, weights, numbers, error, offset, scale, velocity, force = (
-        without_refcount(functions), without_refcount(weights), without_refcount(numbers),
-        without_refcount(error), without_refcount(offset), without_refcount(scale),
-        without_refcount(velocity), without_refcount(force))
-    point, goal, new_goal, start, work = (
-        without_refcount(point), without_refcount(goal), without_refcount(new_goal),
-        without_refcount(start), without_refcount(work))
     log(m, point, goal, error, work)
     transport(m, point, start, error, work)
     accelerate(functions, weights, numbers, error, offset, scale, velocity, force)
@@ -108,13 +101,6 @@ def _step_at_start(m, functions, weights, numbers, error, offset, scale, velocit
 def _step_along(m, functions, weights, numbers, error, offset, scale, velocity, force, point,
                 goal, new_goal, start, work):
     """Transport the velocity along with the point, and the forcing from the start."""
-    functions, weights, numbers, error, offset, scale, velocity, force = (
-        without_refcount(functions), without_refcount(weights), without_refcount(numbers),
-        without_refcount(error), without_refcount(offset), without_refcount(scale),
-        without_refcount(velocity), without_refcount(force))
-    point, goal, new_goal, start, work = (
-        without_refcount(point), without_refcount(goal), without_refcount(new_goal),
-        without_refcount(start), without_refcount(work))
     log(m, point, goal, error, work)
     forcing_term(functions, weights, numbers, offset, scale, force)
     transport(m, start, point, force, work)

@@ -15,6 +15,7 @@ from gdmp_ros.control.settings import GAIN_NUMBERS
 from gdmp_ros.control.spring import spring_wrench
 from gdmp_ros.control.target import ACCELERATION, DAMPING_RATIO, STIFFNESS, TWIST, WRENCH
 from gdmp_ros.kernels import (
+    allocating,
     kernel,
     local_matrix,
     local_numbers,
@@ -68,7 +69,7 @@ def task_inertia_inverse(inertia, jacobian, singularity, solved, result):
             result[j, i] = total
 
 
-@kernel
+@allocating
 def damping_design(stiffness, inertia_inverse, damping_ratio):
     """
     As `design_damping`.

@@ -15,7 +15,7 @@ from gdmp_ros.control.limits import LIMITS
 from gdmp_ros.control.own_body import CAPSULE_SIZE
 from gdmp_ros.control.settings import GAIN_NUMBERS, LIMIT_NUMBERS, TANK_NUMBERS
 from gdmp_ros.control.target import TARGET_SIZE
-from gdmp_ros.kernels import inlined, matrix_at, records_at, vector_at, without_refcount
+from gdmp_ros.kernels import inlined, matrix_at, records_at, vector_at
 from gdmp_ros.scene.volume import CAPACITY, VOLUME_SIZE
 
 #: What a tick does: a spring at the tool, springs at the joints, damping alone, a joint motion.
@@ -184,9 +184,8 @@ class ArmMemory(NamedTuple):
 
 
 @inlined
-def arm_view(numbers):
+def arm_view(memory):
     """Cut a memory into its parts."""
-    memory = without_refcount(numbers)
     sizes = records_at(memory, 0, 1, SIZES)[0]
     n, capsule_count, pair_count = sizes.joints, sizes.capsules, sizes.pairs
     scalars = records_at(memory, _SIZES, 1, SCALARS)[0]

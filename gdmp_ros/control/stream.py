@@ -16,7 +16,7 @@ from gdmp_ros.control.modes import StreamMode
 from gdmp_ros.control.reference_check import continues, is_invalid
 from gdmp_ros.control.target import ACCELERATION, extrapolate_pose, POSE, TWIST
 from gdmp_ros.kernels import jitable, kernel, local_numbers, records_at
-from gdmp_ros.manifolds.linalg import norm
+from gdmp_ros.manifolds.linalg import copy_into, norm
 from gdmp_ros.manifolds.quaternion import normalize, pose_distance, rotation_between
 
 #: Time for which the acceleration of the last reference is used between two references [s].
@@ -201,7 +201,7 @@ def use(numbers, last, target, age, stamp, sequence, begins):
     :returns: by how much it is to be moved in time [s]; one of the joints is not moved here
     """
     stream = records_at(numbers, 0, 1, STREAM)[0]
-    last[:] = target
+    copy_into(target, last)
     if stream.of_joints == 0.0:
         _arrive(numbers, target, age, stamp, begins)
         distrusted = newest(numbers).distrusted

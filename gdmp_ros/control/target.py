@@ -11,6 +11,7 @@ import numpy as np
 
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.kernels import kernel, local_matrix, local_numbers
+from gdmp_ros.manifolds.linalg import copy_into
 from gdmp_ros.manifolds.quaternion import conjugate_multiply, rotate, rotate_by_vector
 
 # Index of the first number of each part.
@@ -74,7 +75,7 @@ def target_in_frame(target, frame, out):
     axes, turn, inverse = local_matrix(3, 3), local_matrix(3, 3), local_numbers(4)
     for i in range(4):
         inverse[i] = -frame[3 + i] if i > 0 else frame[3]
-    out[:] = target
+    copy_into(target, out)
     for i in range(3):
         out[POSE + i] -= frame[i]
         for j in range(3):

@@ -20,7 +20,7 @@ import numpy as np
 from rosbags.highlevel import AnyReader, AnyReaderError
 from rosbags.interfaces import Connection, MessageDefinition, MessageDefinitionFormat
 from rosbags.rosbag2 import storage_mcap, StoragePlugin, Writer
-from rosbags.typesys import get_typestore, Stores
+from rosbags.typesys import get_types_from_msg, get_typestore, Stores
 from scipy.spatial.transform import Rotation, Slerp
 
 from gdmp_ros import choices
@@ -38,6 +38,8 @@ REFERENCE = 'gdmp_msgs/msg/Reference'
 JOINTS = 'sensor_msgs/msg/JointState'
 WRENCH = 'geometry_msgs/msg/WrenchStamped'
 GRIPPER = 'gdmp_msgs/msg/GripperCommand'
+#: Its fields, as msg_defs/msg/GripperCommand.msg has them: people without ROS write it too.
+GRIPPER_FIELDS = 'std_msgs/Header header\nfloat64 width\nfloat64 force\nfloat64 speed\n'
 TRANSFORM, TRANSFORMS = 'geometry_msgs/msg/TransformStamped', 'tf2_msgs/msg/TFMessage'
 #: Types that hold a pose; of a path that was recorded the last one counts.
 PATH = 'nav_msgs/msg/Path'
@@ -562,6 +564,17 @@ class BagWriter:
             wrench=types['geometry_msgs/msg/Wrench'](force=vector(*numbers[:3]),
                                                      torque=vector(*numbers[3:])))
         self.raw(topic, WRENCH, stamp_ns, bytes(self._store.serialize_cdr(message, WRENCH)))
+
+    def gripper(self, topic: str, stamp_ns: int, width: float, force: float, speed: float
+                ) -> None:
+        """Write a command for a gripper [m, N, m/s]."""
+        if GRIPPER not in self._store.types:
+            self._store.register(get_types_from_msg(GRIPPER_FIELDS, GRIPPER))
+        message = self._store.types[GRIPPER](header=self._header(stamp_ns, ''), width=width,
+                                             force=force, speed=speed)
+        text, _ = self._store.generate_msgdef(GRIPPER, ros_version=2)
+        self.raw(topic, GRIPPER, stamp_ns, bytes(self._store.serialize_cdr(message, GRIPPER)),
+                 text, self._store.hash_rihs01(GRIPPER))
 
     def _header(self, stamp_ns: int, frame: str) -> Any:
         types = self._store.types

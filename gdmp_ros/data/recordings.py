@@ -11,7 +11,7 @@ import warnings
 import numpy as np
 from rosbags.highlevel import AnyReader
 
-from gdmp_ros.control.gripper import DEFAULT_SPEED
+from gdmp_ros.control.gripper import DEFAULT_SPEED, GripperCommand
 from gdmp_ros.data import bags, episodes
 from gdmp_ros.data.arm_joints import (
     ArmJoints,
@@ -43,6 +43,7 @@ TOLD_S = 1.0
 #: Commands that are this close after one another in time and equal are one [s].
 REPEATED_S = 0.1
 POSE_TOPIC, STIFFNESS_TOPIC = '/demonstration/pose', '/demonstration/stiffness'
+JOINTS_TOPIC, GRIPPER_TOPIC = '/demonstration/joint_states', '/demonstration/gripper'
 #: ``frame_id`` of poses without one.
 FRAME = 'panda_link0'
 #: Stamp of the first sample of recordings that have no stamps of their own [ns].
@@ -321,12 +322,16 @@ def read_joints(bag: str | Path, topic: str = '', settings: Import | None = None
 
 
 def write(bag: str | Path, demonstration: Demonstration, frame: str, start_ns: int,
-          storage: str = 'mcap') -> None:
+          storage: str = 'mcap', joints: tuple[Sequence[str], np.ndarray] | None = None,
+          commands: Sequence[tuple[float, GripperCommand]] = ()) -> None:
     """
     Write a demonstration on R³ × S³ (× SPD) as PoseStamped and Float64MultiArray.
 
     :param frame: ``frame_id`` of the poses
     :param start_ns: stamp of the first sample [ns]
+    :param joints: names, and positions at each sample [rad]; written as JointState
+    :param commands: for a gripper, with the times of the demonstration at which they were given
+        [s]; written as gdmp_msgs/GripperCommand
     """
     manifold = demonstration.manifold
     if not isinstance(manifold, Product) or manifold.names[:2] != ('position', 'orientation'):
@@ -338,6 +343,13 @@ def write(bag: str | Path, demonstration: Demonstration, frame: str, start_ns: i
             writer.pose(POSE_TOPIC, stamp, [*position, *orientation], frame)
             if stiffness:
                 writer.matrix(STIFFNESS_TOPIC, stamp, stiffness[0])
+        if joints is not None:
+            for time, position in zip(demonstration.times, joints[1]):
+                writer.joints(JOINTS_TOPIC, start_ns + round(
+                    (time - demonstration.times[0]) * bags.NS), joints[0], position)
+        for time, command in commands:
+            writer.gripper(GRIPPER_TOPIC, start_ns + round(
+                (time - demonstration.times[0]) * bags.NS), *command)
 
 
 def _poses_in(reader: AnyReader, bag: str | Path, topic: str, settings: Import) -> bags.Series:

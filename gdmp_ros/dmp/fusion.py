@@ -24,7 +24,6 @@ from gdmp_ros.kernels import (
     local_numbers,
     noinline,
     numbers_at,
-    without_refcount,
 )
 from gdmp_ros.manifolds.factors import (
     CUT_LOCUS_LIMIT,
@@ -442,7 +441,6 @@ def update_fused_arrival(motion, fusion, settled, point):
 @kernel
 def write_goal(memory, point):
     """Write the fused goal of the roll-out in a memory."""
-    memory = without_refcount(memory)
     rest = numbers_at(memory, 0, memory.size)
     motion = motion_view(rest)
     _write_goal(motion, fusion_view(rest, motion.sizes), point)

@@ -28,7 +28,7 @@ from gdmp_ros.dmp.layout import motion_view, state_size, total_size
 from gdmp_ros.dmp.obstacles import avoid_obstacles
 from gdmp_ros.dmp.relations import keep_relations
 from gdmp_ros.dmp.segments import target_at
-from gdmp_ros.kernels import always_inline, inlined, kernel, noinline, numbers_at, without_refcount
+from gdmp_ros.kernels import always_inline, inlined, kernel, noinline, numbers_at
 from gdmp_ros.manifolds.factors import (
     CUT_LOCUS_LIMIT,
     exp,
@@ -426,7 +426,6 @@ def advance(memory, out):
     :param memory: one or more memories (`gdmp_ros.dmp.layout`), one after another
     :param out: flat
     """
-    memory, out = without_refcount(memory), without_refcount(out)
     at, width = 0, 0
     while at < memory.size:
         rest = numbers_at(memory, at, memory.size - at)

@@ -279,13 +279,28 @@ Function = TypeVar('Function', bound=Callable[..., object])
 
 
 def kernel(function: Function, **options: Any) -> Function:
-    """Compile ``function`` on its first call and keep the machine code on disk."""
+    """
+    Compile ``function`` on its first call and keep the machine code on disk.
+
+    Arrays are not counted in it: it neither makes nor returns one (`allocating`). Otherwise each
+    view would be counted with two calls, more than a 3×3 product costs.
+    """
     compile_lazily: Any = numba.njit
+    counted = {'_nrt': False, **options}
     compiled = compile_lazily(nogil=True, error_model='numpy', no_cfunc_wrapper=True,
-                              **options)(function)
+                              **counted)(function)
     cache = KernelCache(cast(FunctionType, function))
     compiled._cache = cache  # noqa: SLF001  Numba has no public name for it
     return cast(Function, compiled)
+
+
+def allocating(function: Function) -> Function:
+    """
+    Compile ``function`` as `kernel` does; it may make and return arrays.
+
+    Only such functions may use the arrays that it returns.
+    """
+    return kernel(function, _nrt=True)
 
 
 def always_inline(function: Function) -> Function:

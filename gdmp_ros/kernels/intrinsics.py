@@ -10,13 +10,15 @@ from typing import Any, TYPE_CHECKING
 
 from llvmlite import ir
 from numba.core import cgutils, types
-from numba.extending import intrinsic, lower_builtin, overload, type_callable
+from numba.extending import intrinsic, lower_builtin, type_callable
 from numba.np import arrayobj
 import numpy as np
 
 VECTOR = types.Array(types.float64, 1, 'C')
 MATRIX = types.Array(types.float64, 2, 'C')
 POINTER = types.CPointer(types.float64)
+#: What a view can be cut from.
+_MEMORY = (types.Array, types.CPointer)
 
 
 def numbers_at(memory, at, count):
@@ -78,16 +80,6 @@ def records_at(memory, at, count, dtype):
     return [record_class(numbers[i * fields:(i + 1) * fields]) for i in range(count)]
 
 
-def without_refcount(array):
-    """
-    The same array without its reference count.
-
-    A kernel that cuts an array into many views would count each one with two locked instructions,
-    more than a 3×3 product costs. The caller of the kernel keeps the array alive.
-    """
-    return array
-
-
 def local_numbers(count):
     """
     ``count`` numbers for one call of a kernel, on its stack: they must not be returned.
@@ -107,7 +99,8 @@ def local_matrix(rows, columns):
     return np.empty((rows, columns))
 
 
-# Overloads are functions of their own, with a stack of their own: these are built in place.
+# Overloads are functions of their own, with a stack of their own, and may not return views: these
+# are built in place.
 
 @type_callable(local_numbers)
 def _type_local_numbers(context):
@@ -174,86 +167,65 @@ def _array_from(context: Any, builder: Any, kind: Any, data: Any, shape: list[An
     return result._getvalue()  # noqa: SLF001  Numba has no public name for it
 
 
-@intrinsic
-def _numbers_at(typing_context, memory, at, count):
-    def build(context, builder, signature, arguments):
-        data = _data_of(context, builder, memory, arguments[0])
-        return builder.gep(data, [arguments[1]])
-
-    return POINTER(memory, types.intp, types.intp), build
+@type_callable(numbers_at)
+def _type_numbers_at(context):
+    return lambda memory, at, count: POINTER if isinstance(memory, _MEMORY) else None
 
 
-@intrinsic
-def _vector_at(typing_context, memory, at, count):
-    def build(context, builder, signature, arguments):
-        data = builder.gep(_data_of(context, builder, memory, arguments[0]), [arguments[1]])
-        return _array_from(context, builder, VECTOR, data, [arguments[2]],
-                           [context.get_constant(types.intp, 8)])
-
-    return VECTOR(memory, types.intp, types.intp), build
+@type_callable(vector_at)
+def _type_vector_at(context):
+    return lambda memory, at, count: VECTOR if isinstance(memory, _MEMORY) else None
 
 
-@intrinsic
-def _matrix_at(typing_context, memory, at, rows, columns):
-    def build(context, builder, signature, arguments):
-        array, at, rows, columns = arguments
-        data = builder.gep(_data_of(context, builder, memory, array), [at])
-        size = context.get_constant(types.intp, 8)
-        return _array_from(context, builder, MATRIX, data, [rows, columns],
-                           [builder.mul(columns, size), size])
-
-    return MATRIX(memory, types.intp, types.intp, types.intp), build
+@type_callable(matrix_at)
+def _type_matrix_at(context):
+    return lambda memory, at, rows, columns: MATRIX if isinstance(memory, _MEMORY) else None
 
 
-@intrinsic
-def _records_at(typing_context, memory, at, count, dtype):
-    view_type = types.Array(dtype.dtype, 1, 'C')
-
-    def build(context, builder, signature, arguments):
-        data = builder.gep(_data_of(context, builder, memory, arguments[0]), [arguments[1]])
-        size = context.get_constant(types.intp, dtype.dtype.size)
-        return _array_from(context, builder, view_type, data, [arguments[2]], [size])
-
-    return view_type(memory, types.intp, types.intp, dtype), build
+@type_callable(records_at)
+def _type_records_at(context):
+    return lambda memory, at, count, dtype: (
+        types.Array(dtype.dtype, 1, 'C') if isinstance(memory, _MEMORY) else None)
 
 
-@intrinsic
-def _without_refcount(typing_context, array):
-    def build(context, builder, signature, arguments):
-        result = context.make_array(array)(context, builder, arguments[0])
-        result.meminfo = cgutils.get_null_value(result.meminfo.type)
-        result.parent = cgutils.get_null_value(result.parent.type)
-        return result._getvalue()  # noqa: SLF001  Numba has no public name for it
-
-    return array(array), build
+def _view_of(context: Any, builder: Any, signature: Any, arguments: Any) -> tuple[Any, Any]:
+    """Pointer to what a view begins with, and the sizes that the view function was given."""
+    sizes = [context.cast(builder, value, kind, types.intp) for value, kind
+             in zip(arguments[1:], signature.args[1:]) if isinstance(kind, types.Integer)]
+    data = _data_of(context, builder, signature.args[0], arguments[0])
+    return builder.gep(data, [sizes[0]]), sizes[1:]
 
 
-# Not ``inline='always'``: after inlining an overload Numba removes statements that it takes
-# for dead, such as assignments to elements of an attribute of a named tuple.
-
-@overload(numbers_at)
-def _overload_numbers_at(memory, at, count):
-    return lambda memory, at, count: _numbers_at(memory, at, count)
+def _numbers_at(context, builder, signature, arguments):
+    return _view_of(context, builder, signature, arguments)[0]
 
 
-@overload(vector_at)
-def _overload_vector_at(memory, at, count):
-    return lambda memory, at, count: _vector_at(memory, at, count)
+def _vector_at(context, builder, signature, arguments):
+    data, sizes = _view_of(context, builder, signature, arguments)
+    return _array_from(context, builder, VECTOR, data, sizes,
+                       [context.get_constant(types.intp, 8)])
 
 
-@overload(matrix_at)
-def _overload_matrix_at(memory, at, rows, columns):
-    return lambda memory, at, rows, columns: _matrix_at(memory, at, rows, columns)
+def _matrix_at(context, builder, signature, arguments):
+    data, sizes = _view_of(context, builder, signature, arguments)
+    size = context.get_constant(types.intp, 8)
+    return _array_from(context, builder, MATRIX, data, sizes,
+                       [builder.mul(sizes[1], size), size])
 
 
-@overload(records_at)
-def _overload_records_at(memory, at, count, dtype):
-    return lambda memory, at, count, dtype: _records_at(memory, at, count, dtype)
+def _records_at(context, builder, signature, arguments):
+    data, sizes = _view_of(context, builder, signature, arguments)
+    kind = signature.return_type
+    return _array_from(context, builder, kind, data, sizes,
+                       [context.get_constant(types.intp, kind.dtype.size)])
 
 
-@overload(without_refcount)
-def _overload_without_refcount(array):
-    return lambda array: _without_refcount(array)
+for _memory in _MEMORY:
+    for _function, _build, _rest in (
+            (numbers_at, _numbers_at, (types.Integer,)), (vector_at, _vector_at, (types.Integer,)),
+            (matrix_at, _matrix_at, (types.Integer, types.Integer)),
+            (records_at, _records_at, (types.Integer, types.DType))):
+        lower_builtin(_function, _memory, types.Integer, *_rest)(_build)
 
 
 def kernel_signature(arrays: int) -> Any:

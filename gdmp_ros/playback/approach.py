@@ -6,7 +6,7 @@ import math
 import numpy as np
 
 from gdmp_ros.control.target import ACCELERATION, POSE, TWIST
-from gdmp_ros.kernels import kernel
+from gdmp_ros.kernels import kernel, local_numbers
 from gdmp_ros.manifolds.quaternion import rotate_by_vector
 from gdmp_ros.playback.channels import COUNT, FIRST, KIND, OF_JOINTS, TARGET
 
@@ -67,7 +67,7 @@ def _approach(numbers, start, way, table, dt, targets):
     elif numbers[_STOPS] == 1.0 and numbers[_RATE] == 0.0:
         acceleration, rests = 0.0, True
     progress, rate = numbers[_PROGRESS], numbers[_RATE]
-    rotation = np.empty(3)
+    rotation = local_numbers(3)
     for row in table:
         at, n, first = row[TARGET], row[COUNT], row[FIRST]
         if row[KIND] == OF_JOINTS:

@@ -16,7 +16,7 @@ from gdmp_ros.control.target import (
 )
 from gdmp_ros.dmp.layout import FINISHED
 from gdmp_ros.dmp.rollout import Rollout
-from gdmp_ros.kernels import kernel
+from gdmp_ros.kernels import kernel, local_numbers
 from gdmp_ros.manifolds.linalg import norm
 from gdmp_ros.manifolds.quaternion import rotation_between
 from gdmp_ros.playback.channels import COUNT, FIRST, KIND, OF_JOINTS, TARGET
@@ -171,7 +171,7 @@ def bound_in_time_and_space(target, out, table, parts, dt, work, tempo, memory, 
     for i in range(target.size):
         work[i] = target[i]
     size = table[-1, FIRST] + table[-1, COUNT]
-    velocity, acceleration = np.empty(size), np.empty(size)
+    velocity, acceleration = local_numbers(size), local_numbers(size)
     for row in table:
         at, n, first = row[TARGET], row[COUNT], row[FIRST]
         speeds, changes = at + TWIST, at + ACCELERATION
@@ -241,7 +241,8 @@ def _bound(target, out, table, parts, dt):
     :returns: whether they are bounded now
     """
     size = table[-1, FIRST] + table[-1, COUNT]
-    way, desired, velocity, step = np.empty(size), np.empty(size), np.empty(size), np.empty(3)
+    way, desired = local_numbers(size), local_numbers(size)
+    velocity, step = local_numbers(size), local_numbers(3)
     _velocities_to(target, out, table, way, desired, velocity)
     free = True
     for part in parts:

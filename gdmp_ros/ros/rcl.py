@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gdmp_ros.errors import DataError
-from gdmp_ros.kernels import ask_c, bytes_at, kernel
+from gdmp_ros.kernels import ask_c, bytes_at, inlined, kernel
 from gdmp_ros.realtime.loop import NS
 from gdmp_ros.realtime.native import addresses
 from gdmp_ros.ros.middleware import Publisher, Subscription
@@ -265,7 +265,7 @@ def send_message(calls, outlet):
     ask_c(calls[_PUBLISH], (outlet.handle[0], outlet.message, np.int64(0)))
 
 
-@kernel
+@inlined
 def bytes_of(outlet):
     """The bytes of a message."""
     return bytes_at(outlet.message[0], outlet.message[1])

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from gdmp_ros.errors import DataError
-from gdmp_ros.kernels import kernel, local_numbers
+from gdmp_ros.kernels import allocating, kernel, local_numbers
 from gdmp_ros.manifolds.poses import compose, IDENTITY
 from gdmp_ros.manifolds.quaternion import rotate
 from gdmp_ros.scene.distance import point_distance
@@ -27,7 +27,7 @@ SHOWN, MOST_SHOWN = 3, 6
 _NO_CAPSULES, _NO_VOLUMES = np.empty((0, 7)), np.empty((0, VOLUME_SIZE))
 
 
-@kernel
+@allocating
 def _divide(cells, order, boxes, most, least_gain):
     """
     Write boxes around cells: again and again that which gains most is divided.
@@ -82,7 +82,7 @@ def _fit(cells, order, low, high, box):
             box[j], box[3 + j] = min(box[j], value), max(box[3 + j], value)
 
 
-@kernel
+@allocating
 def _best_cut(cells, order, box, cut):
     """Write the axis and the first cell behind the best cut of a box; how many cells it saves."""
     best, whole = 0, _size(box)

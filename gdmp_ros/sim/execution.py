@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gdmp_ros.control.gripper import GripperCommand, GripperState
 from gdmp_ros.control.measurement import Tick
 from gdmp_ros.control.target import POSE
 from gdmp_ros.dmp.skill import Skill
@@ -18,7 +17,7 @@ from gdmp_ros.playback.states import Status
 from gdmp_ros.playback.streamed_skill import Kind
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.closed_loop import ClosedLoop
-from gdmp_ros.sim.gripper import SimulatedGripper
+from gdmp_ros.sim.gripper import GripperOfLoop, SimulatedGripper
 
 #: Longest motion [s].
 LONGEST_S = 120.0
@@ -40,19 +39,6 @@ class Execution(NamedTuple):
     measured: np.ndarray
 
 
-class _Fingers:
-    """The gripper of a loop, as the player sees it."""
-
-    def __init__(self, gripper: SimulatedGripper):
-        self._gripper = gripper
-
-    def send(self, command: GripperCommand) -> None:
-        self._gripper.command(command)
-
-    def state(self) -> GripperState:
-        return self._gripper.state
-
-
 def execution_ticks(skill: Skill, loop: ClosedLoop, rest_s: float = REST_S
                     ) -> Iterator[tuple[np.ndarray, Tick]]:
     """
@@ -70,7 +56,7 @@ def execution_ticks(skill: Skill, loop: ClosedLoop, rest_s: float = REST_S
                         '(gdmp_ros.sim.two_arms executes it)')
     gripper = loop.driver.gripper
     fingers = (None if gripper is None or not skill.events else
-               GripperSequence(GripperCommands(_Fingers(gripper))))
+               GripperSequence(GripperCommands(GripperOfLoop(gripper))))
     motion = player.start(loop.arm.measure().pose.copy())
     left, period = LONGEST_S, loop.arm.period
     while left > 0.0:

@@ -9,6 +9,7 @@ import numpy as np
 from gdmp_ros.control.gripper import check_command, GripperCommand, GripperState, HELD_M
 from gdmp_ros.errors import DataError
 from gdmp_ros.kernels import kernel, records_at
+from gdmp_ros.sim.arm import Arm
 
 FINGERS = ('left_finger', 'right_finger')
 #: Travel of a finger [m], and the largest force of the gripper [N], as those of a Franka hand.
@@ -179,3 +180,32 @@ class SimulatedGripper:
         self.begin_next()
         data = self._data
         advance_gripper(self.view, data.qpos, data.qvel, data.ctrl, dt)
+
+
+class GripperOfLoop:
+    """A simulated gripper as a player sees it (`gdmp_ros.playback.gripper_sequence.GripperLink`)."""
+
+    def __init__(self, gripper: SimulatedGripper):
+        self._gripper = gripper
+
+    def send(self, command: GripperCommand) -> None:
+        """Begin a command with the next tick."""
+        self._gripper.command(command)
+
+    def state(self) -> GripperState:
+        """The newest state."""
+        return self._gripper.state
+
+
+def arm_with_gripper(model: str = '') -> tuple[Arm, SimulatedGripper | None]:
+    """
+    Return an arm whose fingers move, and its gripper; None for a model without the built-in hand.
+
+    :param model: as for `gdmp_ros.sim.arm.Arm`
+    :raises DataError: if the model cannot be loaded
+    """
+    try:
+        arm = Arm(model, extras=[add_gripper])
+    except DataError:
+        return Arm(model), None
+    return arm, SimulatedGripper(arm.model, arm.data)

@@ -17,22 +17,17 @@ import viser
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import GdmpError, GdmpWarning
 from gdmp_ros.learning.detour import BlockedError, detour, leads_around
+from gdmp_ros.playback.streamed_skill import is_of_joints
 from gdmp_ros.realtime.loop import Clock, Loop, NS, run, SystemClock
 from gdmp_ros.scene import Scene as Surroundings
 from gdmp_ros.sim.arm import Arm
+from gdmp_ros.sim.gripper import arm_with_gripper
 from gdmp_ros.sim.path_check import PathChecker, Reach
 from gdmp_ros.studio.commands import Jobs
 from gdmp_ros.studio.first_view import first_view
+from gdmp_ros.studio.motion import of_demonstration, of_skill, ShownMotion, tube
 from gdmp_ros.studio.robot import Robot, RobotView
-from gdmp_ros.studio.scene import (
-    colour,
-    LAYERS,
-    of_demonstration,
-    of_skill,
-    Scene,
-    ShownMotion,
-    tube,
-)
+from gdmp_ros.studio.scene import colour, LAYERS, Scene
 from gdmp_ros.studio.workbench import Workbench
 
 #: Interval at which the robot is shown, and at which the studio looks for work [s].
@@ -90,14 +85,16 @@ class Studio:
 
         :param model: of the arm, as for ``panda_sim``
         :param clock: by default that of the system
+        :raises DataError: if a skill is not one of this arm
         """
         self.clock = clock or SystemClock()
         self.server, self.bench, self.robot = server, bench, robot
         self.takes_folder, self.jobs, self._slow = takes_folder, Jobs(), Jobs()
         self._arm = Arm(model)
+        bench.serve(self._arm.names)
         self._reach = Reach(Arm(model))
         self._checker = PathChecker(Arm(model))
-        self.scene = Scene(server, Arm(model), Arm(model))
+        self.scene = Scene(server, arm_with_gripper(model)[0], Arm(model))
         self.motion: ShownMotion | None = None
         self.skill: Skill | None = None
         self.verdict = NOT_CHECKED
@@ -216,7 +213,29 @@ class Studio:
         """Tell that the user has moved the goal."""
         if self.skill is not None:
             for tell in self.on_goal:
-                tell(self.skill.goal[:7].copy())
+                tell(self.pose_of(self.skill, self.skill.goal))
+
+    # Skills of the tool and of the joints
+
+    def motion_of(self, skill: Skill) -> ShownMotion:
+        """The motion of a skill between its own ends; by the studio's thread."""
+        return of_skill(skill, self._arm.pose_at)
+
+    def pose_of(self, skill: Skill, point: np.ndarray) -> np.ndarray:
+        """Pose of the tool at a point of a skill."""
+        if is_of_joints(skill):
+            return self._arm.pose_at(point)
+        return np.array(point[:7])
+
+    def place_at(self, skill: Skill, pose: np.ndarray, near: np.ndarray) -> np.ndarray:
+        """
+        A pose as a place of a skill: itself, or the posture that comes nearest to it [rad].
+
+        :param near: point of the skill, where the posture is searched
+        """
+        if is_of_joints(skill):
+            return self._reach.towards(pose, near)[0]
+        return pose
 
     # The shown motion
 
@@ -247,7 +266,7 @@ class Studio:
         bench = self.bench
         last_run = next(reversed(bench.runs.values()), (None, None))
         self.skill = bench.edited() if bench.chosen else None
-        self.motion = last_run[1] if self.skill is None else of_skill(self.skill)
+        self.motion = last_run[1] if self.skill is None else self.motion_of(self.skill)
         if bench.chosen != self._looked_at or not self._looked:
             self._looked_at, self._looked = bench.chosen, self.motion is not None
             self.look()
@@ -255,6 +274,7 @@ class Studio:
                         colour(5))
         self.verdict = NOT_CHECKED
         motion = self.motion
+        self.scene.notes(() if motion is None else motion.gripper_notes())
         self.scene.line('path', None if motion is None else motion.poses[:, :3], colour(1))
         self.scene.tube(None)
         self.scene.line('around', None, colour(3))
@@ -325,21 +345,22 @@ class Studio:
                 scene.line(name, None, colour(4))
         for name, take in names.items():
             if name not in scene.lines('take '):
-                demo = of_demonstration(take.recording.demonstration)
+                demo = of_demonstration(take.recording.demonstration, self._arm.pose_at)
                 scene.line(name, demo.poses[:, :3], (150, 150, 150))
         for number, name in enumerate(bench.skills):
             shown_skill = name in self.compared and name != bench.chosen
-            scene.line(f'skill {name}', of_skill(bench.skills[name]).poses[:, :3]
+            scene.line(f'skill {name}', self.motion_of(bench.skills[name]).poses[:, :3]
                        if shown_skill else None, colour(number + 2))
         for tell in self.on_quiet:
             tell()
 
     def _checked(self, motion: ShownMotion) -> Verdict:
         """Whether the arm can follow the motion; one that was recorded has been followed."""
-        if motion.joints is not None:
+        if motion.recorded:
             return Verdict(np.zeros(len(motion.times), dtype=bool), '')
         thin = motion.thinned(CHECKED)
-        result = self._checker.check(thin.times, thin.poses)
+        result = (self._checker.check(thin.times, thin.poses) if thin.joints is None else
+                  self._checker.check_postures(thin.times, thin.joints))
         wrong = np.interp(motion.times, thin.times, result.wrong) > 0.0
         return Verdict(wrong, '; '.join(result.problems()) or 'the arm can follow the whole path')
 
@@ -358,7 +379,10 @@ class Studio:
 
     def _refresh(self) -> None:
         self.view = view = self.robot.view()
-        self.scene.arm.show(None if view is None else view.joints)
+        if view is None:
+            self.scene.arm.show(None)
+        else:
+            self.scene.arm.show(view.joints, view.width)
         if view is not None:
             now = self.now()
             self._past.append((now, view.pose[:3]))

@@ -25,9 +25,10 @@ class Changes:
     """
     What the user has changed in a skill.
 
-    :ivar start: pose (x, y, z, qw, qx, qy, qz); None for that of the skill
+    :ivar start: pose (x, y, z, qw, qx, qy, qz), or posture of a skill of the joints [rad]; None
+        for that of the skill
     :ivar goal: the same
-    :ivar via: positions by progress, 0 to 1 [m]
+    :ivar via: positions [m], or postures [rad], by progress, 0 to 1
     :ivar objects: poses of task frames by name, of those that have been moved
     :ivar duration: [s]; None for that of the skill
     :ivar corrections: the skill with corrections by hand, before the other changes; newest last

@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple, TypeAlias
 
@@ -81,6 +81,15 @@ class ShownMotion:
             None if part is None else part[kept] for part in (
                 self.stiffness, self.joints, self.width, self.error, self.wrench)), self.recorded)
 
+    def gripper_notes(self) -> list[tuple[str, np.ndarray]]:
+        """What the gripper is told, and where the tool is then [m]."""
+        if self.width is None:
+            return []
+        known = np.nan_to_num(self.width, nan=-1.0)
+        changed = np.flatnonzero(np.diff(known, prepend=-1.0))
+        return [(f'gripper to {1e3 * self.width[at]:.0f} mm', self.poses[at, :3])
+                for at in changed]
+
     def curves(self) -> dict[str, Curve]:
         """What is known of it over time, by what it is."""
         seconds = np.maximum(np.diff(self.times), 1e-9)
@@ -135,8 +144,8 @@ def check_shown(skill: Skill, joints: Sequence[str]) -> None:
     """
     kind = StreamedSkill(skill, PlayerSettings()).kind
     if kind is Kind.TWO_TOOLS:
-        raise DataError('the skill is one of two arms: the studio shows one arm; take the half of '
-                        'each arm: gdmp edit half')
+        raise DataError('the skill is one of two arms: the studio shows one arm; open the skill of '
+                        'each arm instead')
     if kind is Kind.JOINTS and joints and len(skill.start) != len(joints):
         raise DataError(f'the skill is of {len(skill.start)} joints, the arm has {len(joints)}')
 
@@ -162,9 +171,14 @@ def of_skill(skill: Skill, pose_at: PoseAt | None = None) -> ShownMotion:
                        width=width)
 
 
-def of_demonstration(demo: Demonstration) -> ShownMotion:
-    """A demonstrated motion of a tool."""
-    return _of_points(demo.times - demo.times[0], demo.points, demo.manifold).thinned(SAMPLES)
+def of_demonstration(demo: Demonstration, pose_at: PoseAt) -> ShownMotion:
+    """A demonstrated motion of a tool, or of the joints of an arm."""
+    times = demo.times - demo.times[0]
+    if demo.manifold.names != ('joints',):
+        return _of_points(times, demo.points, demo.manifold).thinned(SAMPLES)
+    joints = demo.points.reshape(len(times), -1)
+    shown = ShownMotion(times, np.zeros((len(times), 7)), joints=joints).thinned(SAMPLES)
+    return replace(shown, poses=np.array([pose_at(row) for row in shown.joints]))
 
 
 def _of_points(times: np.ndarray, points: np.ndarray, manifold: Manifold,

@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from gdmp_msgs.action import MoveJoints
+from gdmp_msgs.msg import GripperCommand as CommandMessage
+from gdmp_msgs.msg import GripperState as StateMessage
 from gdmp_msgs.msg import RecorderState, RobotState, ServerState
 from gdmp_msgs.srv import LoadSkill, RefineSkill, SetSpeed
 from geometry_msgs.msg import PoseStamped
@@ -15,6 +17,7 @@ import numpy as np
 from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
+from gdmp_ros.control.gripper import GripperCommand
 from gdmp_ros.control.limits import described
 from gdmp_ros.control.modes import ArmMode
 from gdmp_ros.data.runs import limited
@@ -31,6 +34,7 @@ from gdmp_ros.ros.clients.server_client import (
     SentGoal,
     ServerClient,
 )
+from gdmp_ros.ros.gripper import COMMAND, command_message, STATE
 from gdmp_ros.ros.lifecycle import SILENT_S
 from gdmp_ros.ros.scene.messages import markers_of
 from gdmp_ros.scene import Scene
@@ -65,6 +69,10 @@ class NodesRobot:
         self._robots = client.subscribe(RobotState, f'{arm}/state', depth=1)
         self._hand = client.publisher(PoseStamped, f'{arm}/hand_pose', 1)
         self._scene_out = client.publisher(MarkerArray, f'{arm}/scene', 10)
+        near = arm.rpartition('/')[0]
+        self._gripper_out = client.publisher(CommandMessage, f'{near}/{COMMAND}', 10)
+        client.subscribe(StateMessage, f'{near}/{STATE}', self._on_gripper, 1)
+        self._width: float | None = None
         self._around = set[str]()
         client.subscribe(RecorderState, f'{RECORDER}/state', self._on_recorder, 1)
         # From the beginning, so that the nodes know them when they are called.
@@ -126,7 +134,7 @@ class NodesRobot:
             self._problem or problem_of(state), 1.0,
             None if state is None or not state.rhythmic else (state.frequency, state.amplitude),
             None if state is None or not state.sequence else
-            (state.step, state.steps, state.step_name))
+            (state.step, state.steps, state.step_name), self._width)
 
     # Skills
 
@@ -185,6 +193,13 @@ class NodesRobot:
     def home(self) -> None:
         self._problem = ''
         self._commands.put(self._go_home)
+
+    def grip(self, command: GripperCommand) -> None:
+        if self._width is None:
+            raise ParameterError('the arm has no gripper')
+        message = command_message(command)
+        message.header.stamp = messages.stamp_of(self._client.clock.wall())
+        self._gripper_out.publish(message)  # the recorder listens too
 
     def record(self, folder: Path) -> None:
         if self._recorder is None:
@@ -313,6 +328,9 @@ class NodesRobot:
         reply = self._call(name, **fields)
         if not reply.success:
             raise GdmpError(f'{name}: {reply.message}')
+
+    def _on_gripper(self, message: StateMessage) -> None:
+        self._width = message.width
 
     def _on_recorder(self, message: RecorderState) -> None:
         self._recorder = message

@@ -7,6 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
+from gdmp_ros.control.gripper import GripperCommand
 from gdmp_ros.dmp.sequence import SkillSequence
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.learning.correction import FollowedMotion
@@ -33,6 +34,7 @@ class RobotView:
     :ivar rate: of its time to real time
     :ivar cycle: frequency [Hz] and amplitude of a rhythmic motion; None for others
     :ivar sequence: number of its step, how many there are, and its name; None without one
+    :ivar width: between the fingers of its gripper [m]; None where it is not known
     """
 
     joints: np.ndarray
@@ -50,6 +52,7 @@ class RobotView:
     rate: float
     cycle: tuple[float, float] | None = None
     sequence: tuple[int, int, str] | None = None
+    width: float | None = None
 
     @property
     def step(self) -> str:
@@ -143,6 +146,13 @@ class Robot(Protocol):
         How the arm followed the last motion.
 
         :raises GdmpError: if there was none
+        """
+
+    def grip(self, command: GripperCommand) -> None:
+        """
+        Open or close the gripper; a take that is being recorded keeps the command.
+
+        :raises GdmpError: if there is none, or it refuses the command
         """
 
     def record(self, folder: Path) -> None:

@@ -9,7 +9,7 @@ from gdmp_ros.dmp.sequence import GripperStep, HoldStep, MotionStep, SkillSequen
 from gdmp_ros.errors import DataError
 from gdmp_ros.studio.app import Studio
 from gdmp_ros.studio.robot import RobotView
-from gdmp_ros.studio.scene import LAYERS, of_skill
+from gdmp_ros.studio.scene import LAYERS
 
 #: Interval of the text [s].
 _TEXT_S = 0.2
@@ -106,51 +106,6 @@ class RunPanel:
         self._state.content = '\n\n'.join(lines)
 
 
-class TimePanel:
-    """Shows the arm at one time of the shown motion, and plays it."""
-
-    def __init__(self, studio: Studio):
-        self._studio, gui = studio, studio.server.gui
-        self._slider = gui.add_slider('time [%]', 0.0, 100.0, 0.5, 0.0)
-        self._text = gui.add_markdown('')
-        self._play = gui.add_checkbox('play', False)
-        self._speed = gui.add_slider('playback speed', 0.1, 4.0, 0.1, 1.0)
-        self._slider.on_update(studio.later(self._show, 'time'))
-        self._last = studio.now()
-        studio.on_view.append(lambda _: self._advance())
-        studio.on_motion.append(self._hide)
-
-    def _advance(self) -> None:
-        now = self._studio.now()
-        passed, self._last = now - self._last, now
-        motion = self._studio.motion
-        if not self._play.value:
-            return
-        if motion is None:
-            self._play.value = False
-            raise DataError('there is no motion to play: open or learn a skill')
-        share = self._slider.value + 100.0 * passed * self._speed.value / motion.duration
-        self._slider.value = float(share % 100.0)
-        self._show()
-
-    def _show(self) -> None:
-        studio, motion = self._studio, self._studio.motion
-        if motion is None:
-            return
-        at = motion.index(0.01 * self._slider.value * motion.duration)
-        pose = motion.poses[at]
-        studio.scene.tool(pose)
-        studio.scene.ghost.show(studio.posture_at(motion.times[at]))
-        self._text.content = (f'{motion.times[at]:.2f} s: {pose[0]:.3f}, {pose[1]:.3f}, '
-                              f'{pose[2]:.3f} m')
-
-    def _hide(self) -> None:
-        """Do not show a posture of another motion."""
-        self._studio.scene.ghost.show(None)
-        self._studio.scene.tool(None)
-        self._text.content = ''
-
-
 class ViewPanel:
     """Chooses what is drawn, says what it is, and looks at the motion again."""
 
@@ -203,8 +158,8 @@ class SequencePanel:
         for name in scene.lines('step '):
             scene.line(name, None, _STEP)
         self._paths = {
-            at: of_skill(step.skill if step.goal is None
-                         else step.skill.between(goal=step.goal)).poses[:, :3]
+            at: self._studio.motion_of(step.skill if step.goal is None
+                                       else step.skill.between(goal=step.goal)).poses[:, :3]
             for at, step in enumerate(self._sequence.steps, 1) if isinstance(step, MotionStep)}
         self._show(self._studio.view)
 

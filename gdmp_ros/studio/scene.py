@@ -4,6 +4,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import mujoco
 import numpy as np
 import trimesh
 import viser
@@ -44,6 +45,7 @@ class ArmModel:
         :param tint: colour of all its parts, which can be looked through then
         """
         self._arm, self._shown, self._hidden = arm, np.empty(0), False
+        self._fingers = slice(len(arm.names), arm.model.nq)
         bodies: dict[int, list[Shape]] = {}
         for shape in shapes(arm):
             bodies.setdefault(shape.body, []).append(shape)
@@ -68,15 +70,27 @@ class ArmModel:
         self._hidden = hidden
         self._root.visible = not hidden
 
-    def show(self, joints: np.ndarray | None) -> None:
-        """Show a posture [rad]; None hides the arm."""
+    def show(self, joints: np.ndarray | None, width: float | None = None) -> None:
+        """
+        Show a posture [rad]; None hides the arm.
+
+        :param width: between the fingers [m], of a model with moving ones
+        """
         visible = joints is not None and not self._hidden
         if self._root.visible != visible:
             self._root.visible = visible
-        if joints is None or np.array_equal(joints, self._shown):
+        fingers = self._arm.data.qpos[self._fingers]
+        if joints is None:
             return
-        self._shown = joints.copy()
+        if width is not None:
+            fingers = np.full(len(fingers), 0.5 * width)
+        places = np.concatenate([joints, fingers])
+        if np.array_equal(places, self._shown):
+            return
+        self._shown = places
         self._arm.reset(joints)
+        self._arm.data.qpos[self._fingers] = fingers
+        mujoco.mj_kinematics(self._arm.model, self._arm.data)
         data = self._arm.data
         for body, frame in self._frames.items():
             frame.position, frame.wxyz = data.xpos[body].copy(), data.xquat[body].copy()
@@ -139,6 +153,7 @@ class Scene:
         self._handles: dict[str, Any] = {}
         self._marks: dict[str, Any] = {}
         self._volumes: dict[str, Any] = {}
+        self._notes: list[Any] = []
 
     def look(self, view: View) -> None:
         """Look from somewhere: in browsers that come, and in those that are there."""
@@ -268,6 +283,14 @@ class Scene:
             if clicked is not None:
                 ball.on_click(clicked)
         known.position = pose[:3]
+
+    def notes(self, notes: Sequence[tuple[str, np.ndarray]]) -> None:
+        """Write short texts at positions [m]; those of before go."""
+        for drawn in self._notes:
+            drawn.remove()
+        self._notes = [self._scene.add_label(f'/notes/{number}', text, position=position,
+                                             anchor='top-left')
+                       for number, (text, position) in enumerate(notes)]
 
     def marks(self) -> Sequence[str]:
         """Names of what is marked."""

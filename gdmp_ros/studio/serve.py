@@ -24,10 +24,11 @@ from websockets.http11 import Request, Response
 from gdmp_ros.errors import DataError, GdmpError
 from gdmp_ros.studio.app import Studio
 from gdmp_ros.studio.robot import Robot
-from gdmp_ros.studio.run_panel import RunPanel, SequencePanel, TimePanel, ViewPanel
+from gdmp_ros.studio.run_panel import RunPanel, SequencePanel, ViewPanel
 from gdmp_ros.studio.scene_panel import ScenePanel
 from gdmp_ros.studio.skill_panel import CorrectPanel, SkillPanel
 from gdmp_ros.studio.teach_panel import TeachPanel
+from gdmp_ros.studio.time_panel import TimePanel
 from gdmp_ros.studio.workbench import Workbench
 from gdmp_ros.util.processes import stop_event
 

@@ -1,6 +1,7 @@
 """A simulated arm in a loop of this process, with the server's streamer. No ROS."""
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 import traceback
@@ -8,6 +9,7 @@ import traceback
 import numpy as np
 
 from gdmp_ros.control.arm_states import Request, State
+from gdmp_ros.control.gripper import GripperCommand
 from gdmp_ros.control.joint_motion import PostureMotion
 from gdmp_ros.control.limits import described, LIMITS
 from gdmp_ros.control.measurement import Tick
@@ -24,11 +26,13 @@ from gdmp_ros.manifolds.quaternion import pose_distance
 from gdmp_ros.playback.measured_input import MeasuredInput, MeasuredInputs
 from gdmp_ros.playback.settings import PlayerSettings, StreamSettings
 from gdmp_ros.playback.states import Status
+from gdmp_ros.playback.streamed_skill import Kind
 from gdmp_ros.playback.streamer import Streamer
 from gdmp_ros.realtime.loop import Clock, Loop, NS, SystemClock
 from gdmp_ros.scene import Scene
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.closed_loop import ClosedLoop
+from gdmp_ros.sim.gripper import arm_with_gripper, GripperOfLoop
 from gdmp_ros.sim.path_check import Reach
 from gdmp_ros.sim.teaching import Hand
 from gdmp_ros.sim.tool_shape import tool_of
@@ -52,13 +56,18 @@ _RATE_S = 1.0
 
 
 class RecordedTake:
-    """Poses of the tool; one thread adds, and afterwards another one writes."""
+    """
+    Poses of the tool, positions of the joints, commands for the gripper.
 
-    def __init__(self, folder: Path, start_ns: int):
+    One thread adds, and afterwards another one writes.
+    """
+
+    def __init__(self, folder: Path, names: Sequence[str], start_ns: int):
         """
         Begin.
 
         :param folder: for the bag; it is made here, so that it fails before the work
+        :param names: of the joints
         :param start_ns: time of day [ns since 1970]
         :raises DataError: if the folder cannot be written
         """
@@ -69,20 +78,28 @@ class RecordedTake:
             self.path.rmdir()
         except OSError as error:
             raise DataError(f'{folder}: cannot write takes: {error.strerror}') from None
-        self._start_ns = start_ns
+        self._names, self._start_ns = names, start_ns
         self._times: list[float] = []
         self._poses: list[np.ndarray] = []
+        self._joints: list[np.ndarray] = []
+        self._commands: list[tuple[float, GripperCommand]] = []
 
     @property
     def duration(self) -> float:
         """[s]."""
         return self._times[-1] - self._times[0] if self._times else 0.0
 
-    def add(self, time_s: float, pose: np.ndarray) -> None:
+    def add(self, time_s: float, pose: np.ndarray, joints: np.ndarray) -> None:
         """Add a sample; later than `LONGEST_TAKE_S` nothing is added."""
         if self.duration < LONGEST_TAKE_S:
             self._poses.append(pose)
+            self._joints.append(joints)
             self._times.append(time_s)
+
+    def grip(self, command: GripperCommand) -> None:
+        """Add a command for the gripper, at the time of the last sample."""
+        if self._times:
+            self._commands.append((self._times[-1], command))
 
     def write(self) -> Path:
         """
@@ -95,7 +112,10 @@ class RecordedTake:
             raise DataError('the take is not kept: it has no samples')
         times = np.array(self._times[:count])
         demo = Demonstration(times - times[0], np.array(self._poses[:count]), tool_manifold(None))
-        recordings.write(self.path, demo, recordings.FRAME, self._start_ns)
+        recordings.write(self.path, demo, recordings.FRAME, self._start_ns,
+                         joints=(self._names, np.array(self._joints[:count])),
+                         commands=[(time - times[0], command)
+                                   for time, command in self._commands])
         return self.path
 
 
@@ -110,17 +130,19 @@ class SimulatedRobot:
         :raises DataError: if the model cannot be loaded
         """
         self._clock = clock or SystemClock()
-        arm = Arm(model)
+        arm, self._gripper = arm_with_gripper(model)
         self.name = f'simulated {model or "Panda"}'
-        self._loop = ClosedLoop(arm)
+        self._loop = ClosedLoop(arm, gripper=self._gripper)
         self._loop.warm_up(arm.measure(), arm.period)
-        self._pose, self._joints = arm.measure().pose.copy(), arm.data.qpos.copy()
+        self._pose, self._joints = arm.measure().pose.copy(), arm.measure().position.copy()
         pose = MeasuredInput(self._clock, lambda: (self._pose.copy(), 0.0), 'the simulation')
         joints = MeasuredInput(self._clock, lambda: (self._joints.copy(), 0.0), 'the simulation',
                                'positions of the joints')
         self._streamer = Streamer(round(arm.period * NS), MeasuredInputs(pose, joints),
                                   StreamSettings(), PlayerSettings(),
-                                  kinematics=Reach(Arm(model)))
+                                  kinematics=Reach(Arm(model)),
+                                  gripper=None if self._gripper is None
+                                  else GripperOfLoop(self._gripper))
         self._streamer.surroundings.tool = tool_of(Arm(model))
         self._streamer.activate(round(arm.period * NS))
         self._take: RecordedTake | None = None
@@ -215,10 +237,15 @@ class SimulatedRobot:
         self.stop()
         self._commands.put(self._go_home)
 
+    def grip(self, command: GripperCommand) -> None:
+        if self._gripper is None:
+            raise ParameterError('the arm has no gripper')
+        self._commands.put(lambda: self._grip(command))
+
     def record(self, folder: Path) -> None:
         if self._take is not None:
             raise ParameterError('a take is being recorded: keep or discard it first')
-        self._take = RecordedTake(folder, self._clock.wall())
+        self._take = RecordedTake(folder, self._loop.arm.names, self._clock.wall())
 
     def keep(self) -> Path:
         if self._take is None:
@@ -274,7 +301,7 @@ class SimulatedRobot:
         self._acted[acts], self._acted_at[acts] = tick.violation[acts], arm.time
         take = self._take  # the page may end it meanwhile
         if take is not None and self._streamer.ticks % SAMPLE_EVERY == 0:
-            take.add(arm.time, self._pose)
+            take.add(arm.time, self._pose, self._joints)
         return tick
 
     def _viewed(self, tick: Tick) -> RobotView:
@@ -288,7 +315,9 @@ class SimulatedRobot:
         self._guard_refused = guard.refused
         moves = player is not None and player.rollout is not None
         goal = player.goal if player is not None and moves else None
-        offset = pose_distance(self._pose, goal) if goal is not None and len(goal) == 7 else None
+        if goal is not None and player is not None and player.playing.kind is Kind.JOINTS:
+            goal = self._loop.arm.pose_at(goal)
+        offset = None if goal is None else pose_distance(self._pose, goal)
         limited = tuple(described(np.where(now - self._acted_at < SHOWN_S, self._acted, 0.0)))
         rollout = None if player is None else player.rollout
         sequence = streamer.sequence.status
@@ -306,7 +335,15 @@ class SimulatedRobot:
             None if rollout is None or not rollout.skill.rhythmic
             else (rollout.frequency, rollout.amplitude),
             None if sequence is None or not sequence.running else
-            (sequence.step, sequence.steps, sequence.step_name))
+            (sequence.step, sequence.steps, sequence.step_name),
+            None if self._gripper is None else self._gripper.state.width)
+
+    def _grip(self, command: GripperCommand) -> None:
+        if self._gripper is not None:
+            self._gripper.command(command)
+        take = self._take  # the page may end it meanwhile
+        if take is not None:
+            take.grip(command)
 
     def _guide(self, guided: bool) -> None:
         if guided is (self._loop.states.state is State.GUIDED):

@@ -16,18 +16,17 @@ from gdmp_ros.dmp.options import SHORTEST_DURATION
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError
 from gdmp_ros.learning.correction import Push
+from gdmp_ros.playback.streamed_skill import is_of_joints
 from gdmp_ros.studio.app import Studio
 from gdmp_ros.studio.commands import Changes
 from gdmp_ros.studio.robot import RobotView
 from gdmp_ros.studio.run_panel import RunPanel
-from gdmp_ros.studio.scene import BEFORE, check_shown, of_skill
+from gdmp_ros.studio.scene import BEFORE
 from gdmp_ros.studio.workbench import is_scene
-from gdmp_ros.view.style import INK
 
 NONE = 'none yet'
 #: Spacing of an exported motion [s].
 EXPORT_STEP_S = 0.01
-_AXES = 'xyz'
 PUSH, GOAL = 'push', 'goal'
 _MOVING = ('moving', 'paused')
 
@@ -69,14 +68,6 @@ class SkillPanel:
             self._at = gui.add_slider('at [% of the motion]', 1, 99, 1, 50)
             gui.add_button('add a via point').on_click(studio.later(self._add_via))
             gui.add_button('remove the via points').on_click(studio.later(self._remove_via))
-        with gui.add_folder('over time', expand_by_default=False):
-            nothing = np.zeros(2)
-            series = [viser.uplot.Series(label='time [s]')] + [
-                viser.uplot.Series(label=f'{axis} [m]', stroke=INK[i], width=2)
-                for i, axis in enumerate(_AXES)]
-            self._plot = gui.add_uplot(
-                (np.array([0.0, 1.0]), nothing, nothing, nothing), tuple(series),
-                scales={'x': viser.uplot.Scale(time=False)}, height=220)
         with gui.add_folder('files'):
             self._opened = gui.add_text('open', '', hint='skill, sequence, scene, take, folder of '
                                         'takes, or recorded run; counted from the folder where '
@@ -124,10 +115,12 @@ class SkillPanel:
 
     def _move(self, which: str, numbers: np.ndarray) -> None:
         """Move the start or the goal to a pose, or to a position."""
-        bench = self._studio.bench
-        pose = getattr(bench.edited(), which)[:7].copy()
+        studio, bench = self._studio, self._studio.bench
+        skill = bench.edited()
+        point = getattr(skill, which)
+        pose = studio.pose_of(skill, point)
         pose[:len(numbers)] = numbers
-        setattr(bench.changes, which, pose)
+        setattr(bench.changes, which, studio.place_at(skill, pose, point))
 
     def _drag(self, which: str, pose: np.ndarray, released: bool) -> None:
         studio = self._studio
@@ -142,7 +135,10 @@ class SkillPanel:
         studio, via = self._studio, self._studio.bench.changes.via
 
         def move() -> None:
-            via[progress] = pose[:3].copy()
+            if is_of_joints(studio.bench.skill):
+                via[progress] = studio.place_at(studio.bench.skill, pose, via[progress])
+            else:
+                via[progress] = pose[:3].copy()
         studio.jobs.put(lambda: studio.change(move, not released),
                         None if released else f'via {progress}')
 
@@ -190,7 +186,6 @@ class SkillPanel:
             raise DataError(f'{name}: expected a skill file (.json); other files are opened by '
                             'their name')
         skill = Skill.parse(content.decode(errors='replace'), name)
-        check_shown(skill)
         added = studio.bench.add(Path(name).stem, skill)
         studio.bench.choose(added)
         studio.redraw()
@@ -198,8 +193,9 @@ class SkillPanel:
 
     def _add_via(self) -> None:
         studio, progress = self._studio, 0.01 * self._at.value
-        rollout = studio.bench.edited().rollout(duration=1.0)
-        position = rollout.advance(progress).point.reshape(-1)[:3].copy()
+        skill = studio.bench.edited()
+        point = skill.rollout(duration=1.0).advance(progress).point.reshape(-1)
+        position = (point if is_of_joints(skill) else point[:3]).copy()
         studio.change(lambda: studio.bench.add_via(progress, position))
 
     def _remove_via(self) -> None:
@@ -264,7 +260,8 @@ class SkillPanel:
         seconds = motion.duration
         skill = studio.skill
         if skill is not None:
-            first, last, seconds = skill.start[:7], skill.goal[:7], skill.duration
+            first, last = (studio.pose_of(skill, end) for end in (skill.start, skill.goal))
+            seconds = skill.duration
         via = len(bench.changes.via)
         self._numbers.content = (
             f'path {motion.length:.3f} m in {seconds:.2f} s, at most '
@@ -274,7 +271,6 @@ class SkillPanel:
             + (' (changed, not saved)' if bench.unsaved else ''))
         self._goal.value, self._start.value = tuple(last[:3]), tuple(first[:3])
         self._duration.value = float(seconds)
-        self._plot.data = (motion.times, *motion.poses[:, :3].T)
         self._show_handles(first, last)
 
     def _select(self, name: str) -> None:
@@ -299,9 +295,11 @@ class SkillPanel:
             if not bench.skill.rhythmic:
                 found['start'] = _Target(first, partial(self._drag, 'start'))
         for progress, position in bench.changes.via.items():
+            of_joints = is_of_joints(bench.skill)
             found[f'via {100 * progress:.0f} %'] = _Target(
-                np.array([*position, 1.0, 0.0, 0.0, 0.0]), partial(self._drag_via, progress),
-                False)
+                studio.pose_of(bench.skill, position) if of_joints
+                else np.array([*position, 1.0, 0.0, 0.0, 0.0]),
+                partial(self._drag_via, progress), of_joints)
         return found
 
     def _show_handles(self, first: np.ndarray, last: np.ndarray) -> None:
@@ -388,7 +386,7 @@ class CorrectPanel:
         """Draw the path before the corrections."""
         bench, scene = self._studio.bench, self._studio.scene
         corrected = bool(bench.chosen and bench.changes.corrections)
-        scene.line('before', of_skill(bench.skill).poses[:, :3] if corrected else None,
+        scene.line('before', self._studio.motion_of(bench.skill).poses[:, :3] if corrected else None,
                    BEFORE)
         if not corrected:
             self._text.content = ''

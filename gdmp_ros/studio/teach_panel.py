@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from gdmp_ros.choices import STIFFNESSES
+from gdmp_ros.control.gripper import GripperCommand
 from gdmp_ros.data import takes
 from gdmp_ros.data.skills import LearningSettings
 from gdmp_ros.errors import DataError
@@ -15,6 +16,8 @@ from gdmp_ros.studio.robot import RobotView
 from gdmp_ros.studio.workbench import Take
 
 HAND, NONE = 'hand', 'none yet'
+#: Width of an open gripper [m].
+OPEN_M = 0.08
 #: Time in which an arm does what it was asked for [s].
 ASKED_S = 2.0
 
@@ -31,6 +34,14 @@ class TeachPanel:
         gui.add_button('record a take', color='red').on_click(studio.later(self._record))
         gui.add_button('keep the take').on_click(studio.later(self._keep))
         gui.add_button('discard the take').on_click(studio.later(studio.robot.discard))
+        with gui.add_folder('gripper', expand_by_default=False):
+            self._width = gui.add_slider('close to [mm]', 0, 80, 1, 0)
+            self._force = gui.add_slider('hold with [N]', 0, 70, 1, 20,
+                                         hint='0: only move to the width')
+            gui.add_button('close the gripper').on_click(studio.later(lambda: studio.robot.grip(
+                GripperCommand(1e-3 * self._width.value, float(self._force.value)))))
+            gui.add_button('open the gripper').on_click(studio.later(
+                lambda: studio.robot.grip(GripperCommand(OPEN_M))))
         self._state = gui.add_markdown('')
         self._list = gui.add_folder(f'takes in {studio.takes_folder}')
         with self._list:
@@ -45,6 +56,8 @@ class TeachPanel:
             self._smoothing = gui.add_number(
                 'smoothing [Hz]', 0.0, min=0.0, max=100.0, step=0.5,
                 hint='cut-off frequency; 0: only what the fit chooses itself')
+            self._joints = gui.add_checkbox(
+                'of the joints', False, hint='learn the motion of the joints, not of the tool')
             self._rhythmic = gui.add_checkbox(
                 'rhythmic', False, hint='the takes repeat a cycle, such as wiping')
             self._stiffness = gui.add_dropdown('stiffness', STIFFNESSES, initial_value='auto')
@@ -111,6 +124,7 @@ class TeachPanel:
         settings = LearningSettings(
             n_basis='auto' if self._automatic.value else int(self._functions.value),
             smoothing=float(self._smoothing.value) or None, stiffness=self._stiffness.value,
+            joint_topic='' if self._joints.value else None,
             rhythmic=self._rhythmic.value, objects=tuple(self._objects.value.split()),
             moving=tuple(self._moving.value.split()))
         bench = studio.bench

@@ -14,16 +14,18 @@ from gdmp_ros.data.columns import Import
 from gdmp_ros.data.recordings import Recording
 from gdmp_ros.data.sequences import read_sequence
 from gdmp_ros.data.skills import LearnedSkill, LearningSettings, skill_from_bags
+from gdmp_ros.dmp.changes import joints_in_order
 from gdmp_ros.dmp.options import SHORTEST_DURATION
 from gdmp_ros.dmp.sequence import MotionStep, SkillSequence
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.dmp.via import through
 from gdmp_ros.errors import DataError
 from gdmp_ros.learning.correction import correction, FollowedMotion, Push
+from gdmp_ros.playback.streamed_skill import is_of_joints
 from gdmp_ros.scene import read_scene, Scene
 from gdmp_ros.scene.scene import MAX_BYTES
 from gdmp_ros.studio.commands import Changes
-from gdmp_ros.studio.scene import check_shown, of_run, ShownMotion
+from gdmp_ros.studio.motion import check_shown, of_run, ShownMotion
 from gdmp_ros.util.files import read_text
 
 #: Most messages on a topic of a bag.
@@ -42,6 +44,11 @@ class Take:
     recording: Recording
     used: bool = True
 
+    @property
+    def of_joints(self) -> bool:
+        """Whether it has positions of joints only."""
+        return self.recording.demonstration.manifold.names == ('joints',)
+
 
 class Workbench:
     """
@@ -52,6 +59,7 @@ class Workbench:
     :ivar runs: what was sent and what the arm did, by name of the bag
     :ivar sequences: by name of the file
     :ivar scene: what stands around the arm
+    :ivar joints: names of the joints of the arm; empty before there is one (`serve`)
     :ivar chosen: name of the skill that is changed; empty without one
     :ivar changes: of that skill
     """
@@ -64,27 +72,43 @@ class Workbench:
         self.runs: dict[str, tuple[ShownMotion, ShownMotion]] = {}
         self.sequences: dict[str, SkillSequence] = {}
         self.scene = Scene()
+        self.joints: Sequence[str] = ()
         self.chosen = ''
         self.changes = self._saved = Changes()
         self._past: list[Changes] = []
         self._undone: list[Changes] = []
+
+    def serve(self, joints: Sequence[str]) -> None:
+        """
+        Work on skills of an arm from now on.
+
+        :param joints: names of its joints
+        :raises DataError: if a skill is not one of this arm
+        """
+        self.joints = list(joints)
+        self.skills = {name: self._checked(skill) for name, skill in self.skills.items()}
+
+    def _checked(self, skill: Skill) -> Skill:
+        """A skill with the joints of the arm in their order; refused if it cannot be shown."""
+        result = joints_in_order(skill, self.joints) if self.joints else skill
+        check_shown(result, self.joints)
+        return result
 
     def open_skill(self, path: Path) -> str:
         """
         Load a skill file, and choose the first.
 
         :returns: its name
-        :raises DataError: if it cannot be loaded, or is not one of a pose
+        :raises DataError: if it cannot be loaded, or is neither one of a pose nor of the joints
         """
-        skill = Skill.load(path)
-        check_shown(skill)
-        return self.add(path.stem, skill)
+        return self.add(path.stem, Skill.load(path))
 
     def open_sequence(self, path: Path) -> None:
         """
         Read a sequence file; its skills can be seen and changed like others.
 
-        :raises DataError: if it cannot be read, or a skill is not one of a pose
+        :raises DataError: if it cannot be read, or a skill is neither one of a pose nor of the
+            joints
         """
         sequence = read_sequence(path.absolute())
         names: dict[Skill, str] = {}
@@ -92,12 +116,16 @@ class Workbench:
             if isinstance(step, MotionStep):
                 names.setdefault(step.skill, step.name)
         for skill, name in names.items():
-            check_shown(skill)
             self.add(name, skill)
         self.sequences[str(path) if path.name in self.sequences else path.name] = sequence
 
     def add(self, name: str, skill: Skill) -> str:
-        """Add a skill; choose it if it is the first. Returns its name, which is free."""
+        """
+        Add a skill; choose it if it is the first. Returns its name, which is free.
+
+        :raises DataError: if it is neither one of a pose nor of the joints of the arm
+        """
+        skill = self._checked(skill)
         free, number = name, 1
         while free in self.skills:
             number += 1
@@ -167,11 +195,17 @@ class Workbench:
 
     def open_take(self, path: Path) -> Take:
         """
-        Read a take.
+        Read a take: poses of the tool, or else positions of the joints.
 
         :raises DataError: naming bag, topic, sample and reason
         """
-        take = Take(path, recordings.read(path, settings=self._reading))
+        try:
+            take = Take(path, recordings.read(path, settings=self._reading))
+        except DataError as error:
+            try:
+                take = Take(path, recordings.read_joints(path, '', self._reading))
+            except DataError:
+                raise error from None
         self.takes.append(take)
         return take
 
@@ -201,10 +235,12 @@ class Workbench:
         used = [take.path for take in self.takes if take.used]
         if not used:
             raise DataError('no take is used: record one, or tick one')
+        if any(take.of_joints for take in self.takes if take.used):
+            settings = replace(settings, joint_topic=settings.joint_topic or '')
 
         def learned() -> LearnedSkill:
             result = skill_from_bags(used, replace(settings, source=self._reading))
-            check_shown(result.skill)
+            self._checked(result.skill)
             return result
         return learned
 
@@ -217,7 +253,7 @@ class Workbench:
 
     def comparison(self) -> list[takes.ComparedTake]:
         """Each take compared with the others; empty with fewer than two."""
-        if len(self.takes) < 2:
+        if len(self.takes) < 2 or len({take.of_joints for take in self.takes}) > 1:
             return []
         return takes.compare([take.recording for take in self.takes])
 
@@ -251,12 +287,12 @@ class Workbench:
         if changes.via:
             points = [(s, _with_pose(skill.goal, position))
                       for s, position in sorted(changes.via.items())]
-            skill = through(skill, points, ['position'])
+            skill = through(skill, points, ['joints' if is_of_joints(skill) else 'position'])
         return skill
 
     def add_via(self, progress: float, position: np.ndarray) -> None:
         """
-        Let the changed skill pass through a position [m].
+        Let the changed skill pass through a position [m], or a posture [rad].
 
         :raises GdmpError: if it cannot; nothing has changed then
         """
@@ -308,7 +344,7 @@ class Workbench:
 
 
 def _with_pose(point: np.ndarray, pose: np.ndarray) -> np.ndarray:
-    """A point with another pose, or another position."""
+    """A point with another pose, another position, or another posture."""
     result = np.array(point, dtype=float)
     result[:len(pose)] = pose
     return result

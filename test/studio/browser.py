@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from gdmp_ros.studio.first_view import first_view
-from gdmp_ros.studio.scene import of_skill
+from gdmp_ros.studio.motion import of_skill
 from test.commands import GDMP
 
 CHROMIUM = shutil.which('chromium') or shutil.which('chromium-browser') or shutil.which(

@@ -10,7 +10,7 @@ from gdmp_ros.data.gallery import learned
 from gdmp_ros.manifolds.poses import tool_manifold
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.studio.first_view import first_view
-from gdmp_ros.studio.scene import of_skill
+from gdmp_ros.studio.motion import of_skill
 from gdmp_ros.util.profiles import minimum_jerk
 from test.studio.browser import needs_browser, opened_browser, Page, StudioProcess
 

@@ -7,7 +7,7 @@ from gdmp_ros.data.skills import LearningSettings
 from gdmp_ros.errors import DataError, GdmpError
 from gdmp_ros.studio import workbench
 from gdmp_ros.studio.commands import Jobs
-from gdmp_ros.studio.scene import of_skill, SAMPLES, tube
+from gdmp_ros.studio.motion import of_skill, SAMPLES, tube
 from gdmp_ros.studio.workbench import opened, Workbench
 from test.motions import motion
 

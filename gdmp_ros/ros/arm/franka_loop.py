@@ -30,6 +30,7 @@ from gdmp_ros.franka.channel import (
 from gdmp_ros.franka.driver import FrankaDriver
 from gdmp_ros.franka.plain_cycle import Link, link_of, plain_cycle
 from gdmp_ros.kernels import kernel
+from gdmp_ros.manifolds.linalg import copy_into
 from gdmp_ros.realtime.loop import Clock, Loop, NS
 from gdmp_ros.realtime.native import (
     ATTENTION,
@@ -112,7 +113,7 @@ def put(outbox, loop, scratch, stamp):
     if count - outbox.counts[TAKEN] == WAITING:
         return
     state, parts = outbox.states[count % WAITING], outbox.parts[count % WAITING]
-    state[:] = scratch.state_bytes
+    copy_into(scratch.state_bytes, state)
     parts[0], parts[1], parts[2], parts[3] = (
         stamp, loop[SEQUENCE], loop[MODE], scratch.written[0])
     outbox.counts[PUT] = count + 1

@@ -15,6 +15,7 @@ from gdmp_ros.control.arm_control import ArmControl
 from gdmp_ros.control.plain_tick import controller_of, MADE
 from gdmp_ros.control.servo import SCALARS
 from gdmp_ros.kernels import kernel, records_at
+from gdmp_ros.manifolds.linalg import copy_into
 from gdmp_ros.realtime.native import (
     ATTENTION,
     clock_functions,
@@ -100,9 +101,9 @@ def hear(functions, topics, heard, servo, now):
         return RUNNING
     s = records_at(servo.numbers, 0, 1, SCALARS)[0]
     s.age, s.wrench_age = 1e-9 * (now - heard.arrived[0]), 1e-9 * (now - heard.felt[0])
-    servo.measured[:] = heard.joints
+    copy_into(heard.joints, servo.measured)
     if s.senses != 0.0:
-        servo.felt[:] = heard.wrench
+        copy_into(heard.wrench, servo.felt)
     return MADE
 
 
