@@ -26,7 +26,7 @@ from gdmp_ros.kernels.intrinsics import (
     vector_at,
 )
 
-__all__ = ['allocating', 'always_inline', 'ask_c', 'bytes_at', 'cache_folder', 'call_c', 'call_kernel',
-           'inlined', 'is_warm', 'jitable', 'kernel', 'local_matrix', 'local_numbers',
-           'local_zeros', 'matrix_at', 'measure_with_kernel', 'noinline', 'numbers_at',
-           'on_compile', 'records_at', 'remove_stale', 'vector_at']
+__all__ = ['allocating', 'always_inline', 'ask_c', 'bytes_at', 'cache_folder', 'call_c',
+           'call_kernel', 'inlined', 'is_warm', 'jitable', 'kernel', 'local_matrix',
+           'local_numbers', 'local_zeros', 'matrix_at', 'measure_with_kernel', 'noinline',
+           'numbers_at', 'on_compile', 'records_at', 'remove_stale', 'vector_at']

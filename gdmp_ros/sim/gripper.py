@@ -183,7 +183,7 @@ class SimulatedGripper:
 
 
 class GripperOfLoop:
-    """A simulated gripper as a player sees it (`gdmp_ros.playback.gripper_sequence.GripperLink`)."""
+    """A simulated gripper, as a player sees it."""
 
     def __init__(self, gripper: SimulatedGripper):
         self._gripper = gripper

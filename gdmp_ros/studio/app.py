@@ -24,7 +24,6 @@ from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.gripper import arm_with_gripper
 from gdmp_ros.sim.path_check import PathChecker, Reach
 from gdmp_ros.studio.commands import Jobs
-from gdmp_ros.studio.first_view import first_view
 from gdmp_ros.studio.motion import of_demonstration, of_skill, ShownMotion, tube
 from gdmp_ros.studio.robot import Robot, RobotView
 from gdmp_ros.studio.scene import colour, LAYERS, Scene
@@ -299,7 +298,7 @@ class Studio:
 
     def look(self) -> None:
         """Look at the motion from the side that shows it."""
-        self.scene.look(first_view(None if self.motion is None else self.motion.poses[:, :3]))
+        self.scene.look(None if self.motion is None else self.motion.poses[:, :3])
 
     def _steps_of_slow(self) -> Loop:
         while not self._ended:

@@ -46,11 +46,13 @@ def _axes(forward: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return forward, right, np.cross(right, forward)
 
 
-def first_view(path: np.ndarray | None) -> View:
+def first_view(path: np.ndarray | None, aspect: float = 1.0, covered: float = 0.0) -> View:
     """
     The view in which a path is seen from its broad side, and the arm not in front of it.
 
     :param path: positions, shape (n, 3) [m]; None: the view of an arm
+    :param aspect: width of the picture / its height
+    :param covered: share of the height that something covers, from below
     """
     if path is None or len(path) < 2 or np.ptp(path, axis=0).max() < 1e-4:
         return View(np.array(_EYE), np.array(_LOOKED_AT))
@@ -67,6 +69,10 @@ def first_view(path: np.ndarray | None) -> View:
             wide, high = (float(np.ptp(path @ axis)) / size for axis in (right, up))
             value = 2.0 * wide * high + max(wide, high) + 0.4 * float(way @ outwards)
             if value > best:
-                best, chosen, across = value, way, size * max(wide, high)
-    distance = across / (2.0 * SHARE * np.tan(np.radians(0.5 * FIELD_OF_VIEW)))
-    return View(middle + max(distance, NEAREST) * chosen, middle)
+                best, chosen = value, way
+                across = size * max(wide / min(aspect, 1.0), high / (1.0 - covered))
+    half = np.tan(np.radians(0.5 * FIELD_OF_VIEW))
+    distance = max(across / (2.0 * SHARE * half), NEAREST)
+    # What is seen is in the middle of what is not covered.
+    lower = covered * distance * half * _axes(-chosen)[2]
+    return View(middle + distance * chosen - lower, middle - lower)

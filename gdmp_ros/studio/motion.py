@@ -1,10 +1,10 @@
-"""Motions as the page shows them: of skills, takes and recorded runs; and their curves over time."""
+"""Motions as the page shows them, of skills, takes and recorded runs; their curves over time."""
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -77,9 +77,10 @@ class ShownMotion:
     def thinned(self, count: int) -> ShownMotion:
         """At most ``count`` samples of it."""
         kept = np.unique(np.linspace(0, len(self.times) - 1, count).round().astype(int))
-        return ShownMotion(self.times[kept], self.poses[kept], *(
-            None if part is None else part[kept] for part in (
-                self.stiffness, self.joints, self.width, self.error, self.wrench)), self.recorded)
+        parts: dict[str, Any] = {name: None if part is None else part[kept] for name, part in (
+            ('stiffness', self.stiffness), ('joints', self.joints), ('width', self.width),
+            ('error', self.error), ('wrench', self.wrench))}
+        return replace(self, times=self.times[kept], poses=self.poses[kept], **parts)
 
     def gripper_notes(self) -> list[tuple[str, np.ndarray]]:
         """What the gripper is told, and where the tool is then [m]."""
@@ -134,7 +135,8 @@ class Curve(NamedTuple):
 
 def _at_samples(between: np.ndarray) -> np.ndarray:
     """Values at the samples, from those between them."""
-    return np.asarray(0.5 * (np.vstack([between[:1], between]) + np.vstack([between, between[-1:]])))
+    before, after = np.vstack([between[:1], between]), np.vstack([between, between[-1:]])
+    return np.asarray(0.5 * (before + after))
 
 
 def check_shown(skill: Skill, joints: Sequence[str]) -> None:
@@ -144,7 +146,7 @@ def check_shown(skill: Skill, joints: Sequence[str]) -> None:
     """
     kind = StreamedSkill(skill, PlayerSettings()).kind
     if kind is Kind.TWO_TOOLS:
-        raise DataError('the skill is one of two arms: the studio shows one arm; open the skill of '
+        raise DataError('the skill is one of two arms: the studio shows one; open the skill of '
                         'each arm instead')
     if kind is Kind.JOINTS and joints and len(skill.start) != len(joints):
         raise DataError(f'the skill is of {len(skill.start)} joints, the arm has {len(joints)}')
@@ -176,9 +178,9 @@ def of_demonstration(demo: Demonstration, pose_at: PoseAt) -> ShownMotion:
     times = demo.times - demo.times[0]
     if demo.manifold.names != ('joints',):
         return _of_points(times, demo.points, demo.manifold).thinned(SAMPLES)
-    joints = demo.points.reshape(len(times), -1)
-    shown = ShownMotion(times, np.zeros((len(times), 7)), joints=joints).thinned(SAMPLES)
-    return replace(shown, poses=np.array([pose_at(row) for row in shown.joints]))
+    kept = np.unique(np.linspace(0, len(times) - 1, SAMPLES).round().astype(int))
+    joints = demo.points.reshape(len(times), -1)[kept]
+    return ShownMotion(times[kept], np.array([pose_at(row) for row in joints]), joints=joints)
 
 
 def _of_points(times: np.ndarray, points: np.ndarray, manifold: Manifold,
@@ -206,15 +208,20 @@ def of_run(bag: Path) -> tuple[ShownMotion, ShownMotion]:
 
     :raises DataError: if the bag has no references and states
     """
-    run = runs.read(bag)
+    with bags.opened(bag) as reader:
+        commands = recordings.commands_in(reader, str(bag))
+    return of_states(runs.read(bag), commands)
+
+
+def of_states(run: runs.Run, commands: Sequence[recordings.RecordedCommand] = ()
+              ) -> tuple[ShownMotion, ShownMotion]:
+    """What was sent and what the arm did; see `of_run`."""
     first = run.state_stamps[0]
     times = 1e-9 * (run.state_stamps - first)
     blocks = run.stiffness.reshape(-1, 6, 6)[:, :3, :3]
     tracked = runs.tracking(run)
     error = np.full((len(times), 2), np.nan)
     error[tracked.states] = np.column_stack([tracked.position, tracked.rotation])
-    with bags.opened(bag) as reader:
-        commands = recordings.commands_in(reader, str(bag))
     width = _widths([(1e-9 * (command.stamp - first), command.width) for command in commands],
                     times)
     done = ShownMotion(times, run.poses, blocks, run.joints, width, error, run.wrenches, True)

@@ -16,6 +16,9 @@ from gdmp_ros.studio.first_view import FIELD_OF_VIEW, first_view, View
 from gdmp_ros.studio.motion import ShownMotion
 from gdmp_ros.view import style
 
+#: Width below which viser shows the panel of a phone [pixels], and the share of the height that it
+#: covers until it is folded.
+PHONE, COVERED = 576, 0.6
 #: Radius of a mark [m].
 _MARK = 0.008
 #: Thickness of lines [pixels].
@@ -127,6 +130,10 @@ def _layer(name: str) -> str:
     return next((layer for start, layer in _OF_LAYER.items() if name.startswith(start)), name)
 
 
+def _turn(camera: Any, view: View) -> None:
+    camera.position, camera.look_at = view.eye, view.looked_at
+
+
 class Scene:
     """
     The scene of one page.
@@ -139,7 +146,8 @@ class Scene:
         self._scene = server.scene
         self._scene.set_up_direction('+z')
         self._server = server
-        self.look(first_view(None))
+        self.look(None)
+        server.on_client_connect(self._turn)
         self._scene.add_grid('/floor', 2.0, 2.0, cell_size=0.1, section_size=0.5, plane='xy')
         self._scene.add_frame('/base', axes_length=0.1, axes_radius=0.003)
         self.arm = ArmModel(self._scene, arm, '/arm')
@@ -155,13 +163,19 @@ class Scene:
         self._volumes: dict[str, Any] = {}
         self._notes: list[Any] = []
 
-    def look(self, view: View) -> None:
-        """Look from somewhere: in browsers that come, and in those that are there."""
-        cameras: list[Any] = [self._server.initial_camera]
-        cameras[0].fov = np.radians(FIELD_OF_VIEW)
-        cameras += [client.camera for client in self._server.get_clients().values()]
-        for camera in cameras:
-            camera.position, camera.look_at = view.eye, view.looked_at
+    def look(self, path: np.ndarray | None) -> None:
+        """Look at a path: in browsers that come, and in those that are there; see `first_view`."""
+        self._looked_at = path
+        self._server.initial_camera.fov = np.radians(FIELD_OF_VIEW)
+        _turn(self._server.initial_camera, first_view(path))
+        for client in self._server.get_clients().values():
+            self._turn(client)
+
+    def _turn(self, client: viser.ClientHandle) -> None:
+        """Show a browser the whole path, also one that is narrow, or has a panel below."""
+        camera = client.camera
+        _turn(camera, first_view(self._looked_at, camera.aspect,
+                                 COVERED if camera.image_width < PHONE else 0.0))
 
     def show(self, layer: str, visible: bool) -> None:
         """

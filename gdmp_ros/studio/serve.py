@@ -183,8 +183,8 @@ def page_of(studio: Studio) -> None:
     """Lay out the panels."""
     server, gui = studio.server, studio.server.gui
     # The panel stands beside the picture, and folds.
-    gui.configure_theme(show_logo=False, show_share_button=False, control_width='large',
-                        control_layout='collapsible')
+    gui.configure_theme(show_logo=False, show_share_button=False, control_width='large')
+    gui.main_panel.dock_right()
     gui.set_panel_label(f'gdmp studio: {studio.robot.name}')
     tabs = gui.add_tab_group()
     with tabs.add_tab('skill'):

@@ -11,6 +11,7 @@ import numpy as np
 from gdmp_ros.control.arm_states import Request, State
 from gdmp_ros.control.gripper import GripperCommand
 from gdmp_ros.control.joint_motion import PostureMotion
+from gdmp_ros.control.joint_target import joint_target_size
 from gdmp_ros.control.limits import described, LIMITS
 from gdmp_ros.control.measurement import Tick
 from gdmp_ros.control.modes import StreamMode
@@ -290,6 +291,8 @@ class SimulatedRobot:
         loop, arm = self._loop, self._loop.arm
         target = self._streamer.tick(round((arm.time + 1.0) * NS), LONGEST_S)
         if target is not None and not self._busy():
+            if self._of_joints():
+                target = target[:joint_target_size(len(arm.names))]
             loop.follow(target, self._streamer.mode)
         moved = loop.moves_joints
         tick = loop.tick()
@@ -304,6 +307,11 @@ class SimulatedRobot:
             take.add(arm.time, self._pose, self._joints)
         return tick
 
+    def _of_joints(self) -> bool:
+        """Whether the present motion is one of the joints."""
+        player = self._streamer.player
+        return player is not None and player.playing.kind is Kind.JOINTS
+
     def _viewed(self, tick: Tick) -> RobotView:
         streamer, now = self._streamer, self._loop.arm.time
         player, take = streamer.player, self._take
@@ -315,7 +323,7 @@ class SimulatedRobot:
         self._guard_refused = guard.refused
         moves = player is not None and player.rollout is not None
         goal = player.goal if player is not None and moves else None
-        if goal is not None and player is not None and player.playing.kind is Kind.JOINTS:
+        if goal is not None and self._of_joints():
             goal = self._loop.arm.pose_at(goal)
         offset = None if goal is None else pose_distance(self._pose, goal)
         limited = tuple(described(np.where(now - self._acted_at < SHOWN_S, self._acted, 0.0)))

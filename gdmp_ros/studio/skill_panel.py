@@ -386,8 +386,8 @@ class CorrectPanel:
         """Draw the path before the corrections."""
         bench, scene = self._studio.bench, self._studio.scene
         corrected = bool(bench.chosen and bench.changes.corrections)
-        scene.line('before', self._studio.motion_of(bench.skill).poses[:, :3] if corrected else None,
-                   BEFORE)
+        before = self._studio.motion_of(bench.skill).poses[:, :3] if corrected else None
+        scene.line('before', before, BEFORE)
         if not corrected:
             self._text.content = ''
 

@@ -85,7 +85,6 @@ class TimePanel:
         motion, curve = self._studio.motion, self._curves.get(self._choice.value)
         if motion is None or curve is None:
             return
-        columns = [column for column in curve.values.T]
         finite = curve.values[np.isfinite(curve.values)]
         ends = (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 1.0)
         # The line: two points at one time, in a column of its own.
@@ -93,7 +92,7 @@ class TimePanel:
         at = int(np.searchsorted(motion.times, now))
         times = np.insert(motion.times, [at, at], now)
         shown = min(at, len(motion.times) - 1)
-        columns = [np.insert(column, [at, at], column[shown]) for column in columns]
+        columns = [np.insert(column, [at, at], column[shown]) for column in curve.values.T]
         line = np.full(len(times), np.nan)
         line[at:at + 2] = ends
         data = (times, *columns, line)

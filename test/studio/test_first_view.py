@@ -11,11 +11,12 @@ from gdmp_ros.manifolds.poses import tool_manifold
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.studio.first_view import first_view
 from gdmp_ros.studio.motion import of_skill
+from gdmp_ros.studio.scene import COVERED
 from gdmp_ros.util.profiles import minimum_jerk
 from test.studio.browser import needs_browser, opened_browser, Page, StudioProcess
 
-#: Width and height of the picture, without the panel: a large screen, a small one, a phone.
-PICTURES = {'large': (1040, 900), 'small': (624, 700), 'phone': (390, 600)}
+#: Width and height of the picture, without the panel at the side; share that a panel covers below.
+PICTURES = {'large': (1040, 900, 0.0), 'small': (624, 700, 0.0), 'phone': (390, 844, COVERED)}
 
 
 def arc(start, away, turn):
@@ -40,20 +41,22 @@ SKILLS = {
 def test_the_path_fills_half_of_the_picture_and_goal_and_arm_are_in_it(name, size):
     skill = SKILLS[name]()
     path = of_skill(skill).poses[:, :3]
-    view = first_view(path)
-    width, height = PICTURES[size]
-    # The height is what the camera knows.
-    shown = view.projected(path) * 0.5 * height
-    smaller = min(width, height)
-    assert np.ptp(shown, axis=0).max() >= 0.5 * smaller
-    assert (np.abs(shown) <= 0.5 * np.array([width, height])).all()
+    width, height, covered = PICTURES[size]
+    view = first_view(path, width / height, covered)
+    # The height is what the camera knows; the part that is not covered is higher up.
+    free = np.array([width, (1.0 - covered) * height])
+
+    def seen(points):
+        return view.projected(points) * 0.5 * height - [0.0, 0.5 * covered * height]
+    shown = seen(path)
+    assert np.ptp(shown, axis=0).max() >= 0.5 * free.min()
+    assert (np.abs(shown) <= 0.5 * free).all()
     # The tool of the arm at the start of the skill.
     arm = Arm()
     posture = arm.chain.near(skill.start[:7], arm.home, arm.end_pose)
     arm.reset(posture)
     bodies = [arm.data.xpos[body] for body in range(1, arm.model.nbody)]
-    seen = np.abs(view.projected(np.array(bodies))) * 0.5 * height
-    assert (seen <= 0.5 * np.array([width, height])).all(axis=1).any()
+    assert (np.abs(seen(np.array(bodies))) <= 0.5 * free).all(axis=1).any()
 
 
 def test_without_a_motion_the_arm_is_seen():
