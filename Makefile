@@ -8,7 +8,7 @@ PY = $(shell test -x $(VENV)/bin/python-ros && echo $(VENV)/bin/python-ros || ec
 # Tests start many processes: without compiled files each of them would compile the package.
 export PYTHONDONTWRITEBYTECODE =
 
-.PHONY: help setup demo test test-long lint bench paper faults soak fuzz interop docs clean
+.PHONY: help setup demo test test-long lint bench paper faults soak fuzz interop docs pages clean
 
 help:
 	@echo 'make setup      set up the environment (make setup PYTHON=python3.12 for another interpreter)'
@@ -22,6 +22,7 @@ help:
 	@echo 'make fuzz       a coverage-guided fuzzer on every entrance (hours), in out/fuzz'
 	@echo 'make interop    files of other programs, written and read by their real libraries (gigabytes)'
 	@echo 'make docs       the documentation as a site, in out/site'
+	@echo 'make pages      every command of every page, and the Docker image where docker is there (hours)'
 	@echo 'make clean      remove the environment and all results'
 
 # -S: the start-up hooks of an active environment are not for the new one.
@@ -66,6 +67,9 @@ docs: setup
 	@$(PY) docs/figures.py
 	@$(PY) -m sphinx -q -W docs out/site
 	@echo out/site/index.html
+
+pages: setup
+	@GDMP_TEST_PAGES=1 $(PY) -m pytest test/docs/test_pages.py -m 'long or not long' -v
 
 clean:
 	rm -rf $(VENV) .venv-franka-sim out build install log

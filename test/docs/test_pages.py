@@ -2,10 +2,10 @@
 Commands and Python on every page are run, or their arguments are checked; all links exist.
 
 The first line of a block says what it is. ``bash`` is run (``make test-long``): each page is one
-script, in its own folder. After ``bash`` may follow: ``long`` (covered by other tests: the
-arguments are checked), ``by-hand`` (needs a person: the arguments are checked), ``ros2`` (run if
-the ROS tools are installed), ``web`` (run if there is a network), ``elsewhere`` (another machine,
-or administrator rights). ``python`` is run. ``python file=`` and ``python patch=`` change a copy
+script, in its own folder. After ``bash`` may follow: ``long`` (run by ``make pages``; otherwise
+the arguments are checked), ``by-hand`` (needs a person, a robot, or files of one's own: the
+arguments are checked), ``ros2`` (run if the ROS tools are installed), ``web`` (run if there is a
+network), ``elsewhere`` (another machine, or administrator rights). ``python`` is run. ``python file=`` and ``python patch=`` change a copy
 of the package, in which ``python test`` is run.
 """
 import importlib
@@ -33,6 +33,10 @@ ROOT = Path(__file__).parents[2]
 PAGES = sorted([*ROOT.glob('*.md'), *(ROOT / 'docs').rglob('*.md')])
 TABLES = (ROOT / 'docs' / 'nodes.md').read_text()
 KINDS = ('', 'long', 'by-hand', 'ros2', 'web', 'elsewhere')
+#: Whether everything that pages tell is run, for hours.
+EVERYTHING = bool(os.environ.get('GDMP_TEST_PAGES'))
+#: Longest time for the commands of a page [s].
+_LONGEST_S = 4 * 3600 if EVERYTHING else 560
 #: Processes that a page has started, and not ended, must still run at its end.
 _STILL_THERE = ('set +x; if [ -n "$(jobs -p)" ]; then sleep 4; fi\n'
                 'for job in $(jobs -p); do kill -0 "$job" || { echo "$job has died"; exit 7; }; '
@@ -138,18 +142,19 @@ def run_once(text, folder):
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ['PATH']])
     with Domain() as domain, (folder / '.log').open('w') as log:
         done = subprocess.run(['bash', '-x', str(script)], cwd=folder,
-                              env={**os.environ, **domain.environment(), 'PATH': path},
+                              env={**os.environ, **domain.environment(), 'PATH': path,
+                                   'PYTHONPATH': str(ROOT)},
                               stdin=subprocess.DEVNULL, stdout=log, stderr=log,
-                              start_new_session=True, timeout=560)
+                              start_new_session=True, timeout=_LONGEST_S)
     return done.returncode, (folder / '.log').read_text()
 
 
 @pytest.mark.long
-@pytest.mark.timeout(1200)
-@pytest.mark.parametrize('page', with_blocks('bash', ['', 'ros2', 'web']))
+@pytest.mark.timeout(_LONGEST_S + 640)
+@pytest.mark.parametrize('page', with_blocks('bash', ['', 'ros2', 'web'] + EVERYTHING * ['long']))
 def test_commands_work_as_written(page, tmp_path):
     wanted = ['', *(['ros2'] if shutil.which('ros2') else []),
-              *(['web'] if os.environ.get('GDMP_TEST_WEB') else [])]
+              *(['web', 'long'] if EVERYTHING else [])]
     text = BEFORE.get(name_of(page), '') + ''.join(
         b.text for b in blocks(page) if b.language == 'bash' and b.kind in wanted)
     folder, said = run_script(text, tmp_path)
@@ -158,6 +163,15 @@ def test_commands_work_as_written(page, tmp_path):
         if output.endswith('.urdf'):
             mujoco.MjModel.from_xml_path(str(folder / output))
     assert 'Traceback' not in said
+
+
+@pytest.mark.skipif(not EVERYTHING or shutil.which('docker') is None,
+                    reason='make pages, where docker is there')
+@pytest.mark.timeout(_LONGEST_S)
+def test_the_image_of_the_docker_file_is_built_and_runs():
+    for words in (['build', '-t', 'gdmp_ros', '-f', 'examples/docker/Dockerfile', '.'],
+                  ['run', '--rm', 'gdmp_ros', 'gdmp', '--version']):
+        subprocess.run(['docker', *words], cwd=ROOT, check=True)
 
 
 def commands(text):

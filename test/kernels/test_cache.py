@@ -17,7 +17,7 @@ from numba.core.dispatcher import Dispatcher
 import pytest
 
 import gdmp_ros
-from gdmp_ros.kernels import cache, cache_folder, is_warm, kernel, on_compile, remove_stale
+from gdmp_ros.kernels import allocating, cache, cache_folder, is_warm, on_compile, remove_stale
 
 PACKAGE = Path(gdmp_ros.__file__).parent
 
@@ -38,7 +38,7 @@ def outer(x):
 
 def outer_of(text, module='example'):
     """The kernel ``outer`` of a module with this text."""
-    names = {'kernel': kernel, '__name__': f'gdmp_ros.{module}'}
+    names = {'kernel': allocating, '__name__': f'gdmp_ros.{module}'}
     exec(compile(text, 'example.py', 'exec'), names)
     return names['outer']
 

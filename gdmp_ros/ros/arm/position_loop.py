@@ -101,7 +101,8 @@ def hear(functions, topics, heard, servo, now):
         return RUNNING
     s = records_at(servo.numbers, 0, 1, SCALARS)[0]
     s.age, s.wrench_age = 1e-9 * (now - heard.arrived[0]), 1e-9 * (now - heard.felt[0])
-    copy_into(heard.joints, servo.measured)
+    for k in range(2):
+        copy_into(heard.joints[k], servo.measured[k])
     if s.senses != 0.0:
         copy_into(heard.wrench, servo.felt)
     return MADE
