@@ -13,6 +13,8 @@ from launch import LaunchDescription
 
 #: Names of the arms, and the topics of their references.
 SIDES = (('left', 'reference'), ('right', 'second/reference'))
+#: Links that may come near the other arm.
+HANDS = ('hand', 'left_finger', 'right_finger')
 #: Name, default, what it is.
 ARGUMENTS = (
     ('skill', '', 'skill file of two arms to load'),
@@ -40,8 +42,11 @@ def start(context):
                     output='screen', parameters=[f'{share}/config/{name}.yaml', values],
                     remappings=remappings)
 
+    others = dict(zip(dict(SIDES), reversed(dict(SIDES))))
     wanted = {side: {'frame_id': f'{side}_link0', 'reference_topic': f'/trajectory_server/{topic}',
-                     **on} for side, topic in SIDES}
+                     # But for the hands, which may hold one thing.
+                     'other_arms': [f'/{others[side]}/panda_sim/body'],
+                     'other_arms_allowed': list(HANDS), **on} for side, topic in SIDES}
     return [
         *(node('panda_sim', values, side) for side, values in wanted.items()),
         node('trajectory_server', {

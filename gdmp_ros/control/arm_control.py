@@ -73,6 +73,7 @@ class ArmControl:
             self.compute(measured, dt)
         compare_with(self.controller.numbers, np.tile(self.controller.memory.last, (2, 1)),
                      self.joints.cycle)
+        self.controller.scale_of(measured.velocity)
         self.controller.move_joints(measured, measured.position, measured.velocity, dt)
         self.controller.move_tool(measured.pose, measured.pose, self.driver.end_pose)
         self.controller.surround(self.controller.scene)
@@ -273,11 +274,17 @@ class ArmControl:
         return result
 
     def _tempo(self, motion: JointMotion, measured: Measurement, velocity: np.ndarray) -> float:
-        """Part of the time that passes for a motion of the joints: the tool is not too fast."""
+        """
+        Part of the time that passes for a motion of the joints.
+
+        The tool is not too fast; beside what is in the way or comes nearer, and while the arm is
+        held, it waits.
+        """
+        if motion.request is Request.STOP:
+            return 1.0  # one that comes to rest is not kept from it
         speed = float(np.linalg.norm(measured.jacobian[:3] @ velocity))
         largest = TOOL_SPEED_SHARE * self.controller.settings.limits.tool_speed
-        # One that comes to rest is not kept from it.
-        return 1.0 if motion.request is Request.STOP or speed <= largest else largest / speed
+        return min(self.controller.scale_of(velocity), largest / max(speed, largest))
 
     @property
     def _present_motion(self) -> JointMotion | None:

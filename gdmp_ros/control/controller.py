@@ -6,6 +6,7 @@ import numpy as np
 from gdmp_ros.control import contact, memory
 from gdmp_ros.control.arm_states import ArmStates, Request, State
 from gdmp_ros.control.friction import friction_of
+from gdmp_ros.control.governor import share_of_way
 from gdmp_ros.control.guard import ReferenceGuard
 from gdmp_ros.control.impedance import external_wrench
 from gdmp_ros.control.joint_spring import joint_springs
@@ -156,6 +157,22 @@ class ImpedanceController:
         now, before = arm.position.copy(), arm.position - age * arm.velocity
         return np.vstack([placed(self._chain, self._body, position) for position in
                           (now, 0.5 * (now + before), before)])
+
+    def body(self, step: float) -> list[np.ndarray]:
+        """
+        Capsules of the arm, and of what it carries, now and after a step [s].
+
+        See `gdmp_ros.control.own_body.placed`; what is not carried has the radius 0.
+        """
+        arm = self.memory
+        present = self._body._replace(capsules=arm.capsules.copy())
+        return [placed(self._chain, present, position) for position in
+                (arm.position.copy(), arm.position + step * arm.velocity)]
+
+    @property
+    def links(self) -> tuple[str, ...]:
+        """Link of each capsule."""
+        return self._body.links
 
     def check_way(self, postures: np.ndarray) -> None:
         """
@@ -375,8 +392,20 @@ class ImpedanceController:
     @property
     def scale(self) -> float:
         """Share of the speed that is left, beside what comes nearer or is not known any more."""
-        scalars = self.memory.scalars
-        return float(min(scalars.slowed if len(self.scene) else 1.0, scalars.allowed))
+        scalars, beside = self.memory.scalars, 1.0
+        if len(self.scene):
+            # Motions of the joints, which have no reference, stand with the measured arm.
+            stands = scalars.does == JOINT_MOTION and self.settings.limits.retreat_speed == 0.0
+            beside = scalars.left if stands else scalars.slowed
+        return float(min(beside, scalars.allowed))
+
+    def scale_of(self, velocity: np.ndarray) -> float:
+        """
+        Share of the speed that is left to a motion of the joints: `scale`, and what is in the way.
+
+        :param velocity: that is wanted [rad/s]
+        """
+        return min(self.scale, float(share_of_way(self.numbers, velocity)))
 
     @property
     def reference(self) -> np.ndarray:

@@ -120,9 +120,40 @@ def _collect_rows(arm, position, pose, jacobian, singular, rows, bounds, ids):
         bounds, ids, count)
     if limits.retreat_speed == 0.0:
         arm.scalars.slowed = min(arm.scalars.slowed, arm.scalars.left)
-    step = arm.scalars.dt / HELD_IN_S
-    arm.scalars.allowed += min(max(arm.scalars.permitted - arm.scalars.allowed, -step), step)
+    hold_back_smoothly(arm.scalars)
     return count, value
+
+
+@kernel
+def share_of_way(numbers, rates):
+    """
+    Share of the speed at which the measured arm comes no nearer to what is around than it may.
+
+    :param rates: velocities of the joints that are wanted [rad/s]
+    """
+    noinline()
+    arm = arm_view(numbers)
+    n, share = rates.size, 1.0
+    limits = records_at(arm.limits, 0, 1, LIMIT_NUMBERS)[0]
+    rows = local_matrix(MOST_ROWS, n)
+    bounds, ids = local_numbers(MOST_ROWS), local_numbers(MOST_ROWS)
+    count = surroundings_rows(
+        arm.frames, arm.axes, arm.position, arm.capsules, arm.volumes, 0.5 * limits.acceleration,
+        limits.speed, 0.0, 0, rows, bounds, ids, 0)[0]
+    for i in range(count):
+        speed = 0.0
+        for k in range(n):
+            speed += rows[i, k] * rates[k]
+        if speed > bounds[i]:
+            share = min(share, max(bounds[i], 0.0) / speed)
+    return share
+
+
+@kernel
+def hold_back_smoothly(s):
+    """Let the share of the way that is allowed follow what is permitted."""
+    step = s.dt / HELD_IN_S
+    s.allowed += min(max(s.permitted - s.allowed, -step), step)
 
 
 @kernel

@@ -14,7 +14,7 @@ import numpy as np
 from gdmp_ros.control.contact import correct, feel
 from gdmp_ros.control.energy_budget import apply_energy_budget, LEAST_SOFTENING, release
 from gdmp_ros.control.friction import without_friction
-from gdmp_ros.control.governor import govern
+from gdmp_ros.control.governor import govern, hold_back_smoothly
 from gdmp_ros.control.impedance import external_wrench, impedance_torque, TOOL_BRAKE
 from gdmp_ros.control.joint_spring import joint_energy, joint_law, move_joint_reference
 from gdmp_ros.control.joint_target import LEAST_STIFFNESS
@@ -368,6 +368,7 @@ def compute(numbers):
                      external)
     if not springs:
         s.law, s.stored, s.slowed = TOOL_SPRING, 0.0, 1.0
+        hold_back_smoothly(s)
         hold_tool(numbers)
         arm.commanded[:] = 0.0
         if s.does == FREE:

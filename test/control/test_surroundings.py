@@ -5,6 +5,7 @@ import pytest
 from experiments.control_limits import ANYWHERE
 from experiments.obstacles import arm_trial, at_rest, follow, stream
 from gdmp_ros import DataError
+from gdmp_ros.control.joint_motion import PostureMotion
 from gdmp_ros.control.limit_rows import approach
 from gdmp_ros.control.settings import ControllerSettings, LimitSettings
 from gdmp_ros.control.surroundings import (
@@ -287,6 +288,49 @@ def test_joints_do_not_begin_to_move_while_the_arm_is_held_back():
     loop.controller.hold_back('the last cloud of points is 2.0 s old')
     with pytest.raises(ParameterError, match='2.0 s old'):
         loop.controller.check_way(Arm().home[None])
+
+
+def test_a_motion_of_the_joints_waits_while_the_arm_is_held_back():
+    loop = blocked_loop()
+    away = Arm().home + [0.4, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+    loop.move(PostureMotion(loop.joints, away[None], 0.5))
+    for _ in range(500):
+        loop.tick()
+    loop.controller.hold_back('the cloud is old')
+    for _ in range(600):
+        loop.tick()
+    stands = loop.arm.data.qpos.copy()
+    for _ in range(1000):
+        loop.tick()
+    assert np.abs(loop.arm.data.qpos - stands).max() < 1e-3 and loop.moves_joints
+    assert 0.05 < stands[0] - Arm().home[0] < 0.35
+    loop.controller.hold_back('')
+    for _ in range(2000):
+        loop.tick()
+    assert not loop.moves_joints and not loop.joint_motion_problem
+    np.testing.assert_allclose(loop.arm.data.qpos, away, atol=5e-3)
+
+
+def test_a_motion_of_the_joints_waits_for_what_comes_near_and_goes_on():
+    loop = blocked_loop()
+    home, away = Arm().home, Arm().home + [0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+    # Something comes to the hand from the side to which it goes.
+    place = np.array([*Arm().pose_at(home)[:3] + [0.0, 0.35, 0.0], 1.0, 0.0, 0.0, 0.0])
+    loop.move(PostureMotion(loop.joints, away[None], 0.5))
+    most = 0.0
+    for k in range(6000):
+        if k % 50 == 0:
+            comes = k < 1000
+            gone = k >= 3000
+            ball = Volume('ball', 'sphere', (0.03,), place + (5.0 * gone) * np.eye(7)[2], np.array(
+                [0.0, -0.15 * comes, 0.0, 0.0, 0.0, 0.0]))
+            loop.controller.surround(Scene([ball], MARGIN))
+        place[1] -= 1e-3 * 0.15 * (k < 1000)
+        loop.tick()
+        if 2000 < k < 3000:
+            most = max(most, float(np.abs(loop.arm.data.qvel).max()))
+    assert most < 0.02 and not loop.joint_motion_problem
+    np.testing.assert_allclose(loop.arm.data.qpos, away, atol=5e-3)
 
 
 def test_a_scene_that_becomes_smaller_leaves_no_wrong_name():

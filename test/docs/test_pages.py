@@ -5,8 +5,8 @@ The first line of a block says what it is. ``bash`` is run (``make test-long``):
 script, in its own folder. After ``bash`` may follow: ``long`` (run by ``make pages``; otherwise
 the arguments are checked), ``by-hand`` (needs a person, a robot, or files of one's own: the
 arguments are checked), ``ros2`` (run if the ROS tools are installed), ``web`` (run if there is a
-network), ``elsewhere`` (another machine, or administrator rights). ``python`` is run. ``python file=`` and ``python patch=`` change a copy
-of the package, in which ``python test`` is run.
+network), ``elsewhere`` (another machine, or administrator rights). ``python`` is run. ``python
+file=`` and ``python patch=`` change a copy of the package, in which ``python test`` is run.
 """
 import importlib
 import importlib.util

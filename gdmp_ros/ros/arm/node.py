@@ -28,11 +28,13 @@ from gdmp_ros.ros.frames import BaseFrame
 from gdmp_ros.ros.lifecycle import ManagedNode
 from gdmp_ros.ros.messages import lateness_diagnostics
 from gdmp_ros.ros.parameters import Parameters
+from gdmp_ros.ros.scene.bodies import body_volumes, BodyTopics, is_of_arm
 from gdmp_ros.ros.scene.cloud import CloudTopic
 from gdmp_ros.ros.scene.messages import scene_message
 from gdmp_ros.ros.scene.moveit import PlanningObjects
 from gdmp_ros.ros.scene.topics import SceneTopics
 from gdmp_ros.scene.scene import Scene
+from gdmp_ros.scene.volume import Volume
 from gdmp_ros.sim.frames import ToolTransform
 from gdmp_ros.sim.tool_shape import tool_frames
 from gdmp_ros.sim.urdf import joint_names, link_names, LinkFrames, urdf
@@ -73,6 +75,7 @@ class ArmNode(ManagedNode):
         self._refusal = '', Time()
         self._twins = self._reason = ''
         self._beside = []
+        self._told: SceneMessage | None = None
         self.lateness = LatenessRecorder(1_000_000)
 
     # Lifecycle
@@ -139,6 +142,20 @@ class ArmNode(ManagedNode):
         self._tell(topics.scene)
         CloudTopic(self, topics, frames.place_of, p, self._own_capsules, self._hold_back,
                    self._refuse)
+        self._check_allowed()
+        self._bodies = BodyTopics(self, topics, frames.place_of, p, self._body, self._refuse)
+
+    def _check_allowed(self) -> None:
+        """:raises ParameterError: if a link that may touch other arms is not one of this arm"""
+        known = self.control.driver.body.bits
+        for name in filter(None, self.parameters.other_arms_allowed):
+            if name not in known:
+                raise ParameterError(f'other_arms_allowed has {name!r}, the links are '
+                                     f'{", ".join(known)}')
+
+    def _body(self) -> list[Volume]:
+        """This arm, as others see it; none while it does not know where it is."""
+        return [] if not self.active else body_volumes(self.control.controller)
 
     def _known_links(self) -> dict[str, str]:
         """Links of the description that the controller has a shape of, and their names there."""
@@ -164,7 +181,8 @@ class ArmNode(ManagedNode):
         self.active = True
         priority = self.backend.priority()
         self._beside = [self.clock.start(loop, priority_beside(priority)) for loop in (
-            self.state_out.show(self.clock), *self.backend.beside())]
+            self.state_out.show(self.clock), self._bodies.publish(self.clock),
+            *self.backend.beside())]
         running = self._loop = self.clock.start(self._cycles(), priority)
         topic = self.resolve_topic_name(self.parameters.reference_topic)
         self.get_logger().info(f'the arm follows {topic}')
@@ -271,7 +289,14 @@ class ArmNode(ManagedNode):
         self._tell(scene)
 
     def _tell(self, scene: Scene) -> None:
-        self._scene_out.publish(scene_message(scene, self.parameters.frame_id, self.stamp()))
+        """Tell what is around the arm, but for other arms: a motion is not led around these."""
+        told = Scene([volume for volume in scene if not is_of_arm(volume)], scene.margin)
+        message = scene_message(told, self.parameters.frame_id, Time())
+        # Bodies of other arms come many times a second.
+        if message != self._told:
+            self._told = message
+            stamped = scene_message(told, self.parameters.frame_id, self.stamp())
+            self._scene_out.publish(stamped)
 
     def _refuse(self, reason: str) -> None:
         self.control.states.last_refusal = reason

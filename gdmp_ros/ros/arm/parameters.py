@@ -16,6 +16,7 @@ from gdmp_ros.control.settings import (
 )
 from gdmp_ros.franka.settings import FrankaSettings
 from gdmp_ros.ros.parameters import settings_from, Spec, specs_of
+from gdmp_ros.ros.scene.bodies import SPECS as BODY_SPECS
 from gdmp_ros.ros.scene.cloud import SPECS as CLOUD_SPECS
 from gdmp_ros.ros.scene.topics import SPECS as SCENE_SPECS
 from gdmp_ros.sim.arm import Arm, Extra
@@ -48,6 +49,7 @@ ARM = (
          'viewers', 'Hz', 1, 100),
     *SCENE_SPECS,
     *CLOUD_SPECS,
+    *BODY_SPECS,
     *specs_of(GuardSettings, names=_GUARD),
     *specs_of(ControllerSettings),
     *specs_of(LimitSettings),

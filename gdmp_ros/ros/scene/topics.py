@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 import math
 from typing import Any
 
@@ -32,6 +33,15 @@ SPECS = (
 )
 
 
+def _by_now(volume: Volume, passed: float) -> Volume:
+    """A volume where it is by now [s]; one that was not told again stands."""
+    if not volume.twist.any():
+        return volume
+    moved = moved_on(volume.pose, volume.twist, min(passed, LAST_SEEN_S))
+    return replace(volume, pose=moved,
+                   twist=volume.twist if passed < LAST_SEEN_S else np.zeros(6))
+
+
 class SceneTopics:
     """
     Keeps a scene from a file, from ``~/scene``, and from other sources.
@@ -57,7 +67,9 @@ class SceneTopics:
         self._tool_frames = tool_frames
         file = parameters.scene_file
         self._told = read_scene(file) if file else Scene(margin=parameters.scene_margin)
-        self.scene, self._beside = self._told.copy(), dict[str, list[Volume]]()
+        self.scene = self._told.copy()
+        # Of each other source its volumes, and when they were told.
+        self._beside: dict[str, tuple[list[Volume], float]] = {}
         self._ends: dict[str, float] = {}
         self._seen: dict[str, float] = {}
         # Names of markers by namespace and number: DELETE need not repeat the text.
@@ -75,21 +87,19 @@ class SceneTopics:
 
         :raises GdmpError: if they are refused
         """
-        self._change(self._told, {**self._beside, source: list(volumes)})
+        self._change(self._told, {**self._beside, source: (list(volumes),
+                                                           self._node.clock.now() / NS)})
 
-    def _change(self, told: Scene, beside: dict[str, list[Volume]] | None = None) -> None:
+    def _change(self, told: Scene, beside: dict[str, tuple[list[Volume], float]] | None = None
+                ) -> None:
         scene, beside = told.copy(), self._beside if beside is None else beside
         now = self._node.clock.now() / NS
         for volume in told:
-            if volume.twist.any():
-                # Where it is by now; one that was not told again stands.
-                passed = now - self._seen.get(volume.name, now)
-                moved = moved_on(volume.pose, volume.twist, min(passed, LAST_SEEN_S))
-                scene.put(volume.at(moved, volume.twist if passed < LAST_SEEN_S else None))
-        for volumes in beside.values():
+            scene.put(_by_now(volume, now - self._seen.get(volume.name, now)))
+        for volumes, came in beside.values():
             for volume in volumes:
                 if volume.name not in scene:
-                    scene.put(volume)
+                    scene.put(_by_now(volume, now - came))
         self._use(scene)
         self.scene, self._told, self._beside = scene, told, beside
 
