@@ -73,6 +73,7 @@ class NodesRobot:
         self._gripper_out = client.publisher(CommandMessage, f'{near}/{COMMAND}', 10)
         client.subscribe(StateMessage, f'{near}/{STATE}', self._on_gripper, 1)
         self._width: float | None = None
+        self._scene: Scene | None = None
         self._around = set[str]()
         client.subscribe(RecorderState, f'{RECORDER}/state', self._on_recorder, 1)
         # From the beginning, so that the nodes know them when they are called.
@@ -242,7 +243,10 @@ class NodesRobot:
     def _read(self) -> None:
         message, now = self._robots.newest_message(), self._client.now()
         if message is not None:
+            silent = now - self._received['arm'] > SILENT_S
             self._robot, self._received['arm'] = message, now
+            if silent and self._scene is not None:
+                self._surround(self._scene)  # an arm that was started again knows none
         if self._client.state is not self._state:
             self._state, self._received['server'] = self._client.state, now
         if self._pulled is not None:
@@ -304,8 +308,9 @@ class NodesRobot:
 
     def _surround(self, scene: Scene) -> None:
         """Tell the arm; the server has it from there."""
+        self._scene = scene
         if self._robot is None:
-            raise GdmpError(f'{self._arm}: silent: what stands around it cannot be told')
+            return  # it is told when it is there
         message = markers_of(scene, self._robot.header.frame_id, self._robot.header.stamp)
         shown = {marker.text for marker in message.markers}
         message.markers += [Marker(action=Marker.DELETE, text=name)

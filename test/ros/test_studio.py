@@ -6,7 +6,8 @@ import pytest
 
 from gdmp_ros.data import recordings
 from gdmp_ros.errors import GdmpError
-from gdmp_ros.ros.clients.testbed import MODULES, TAKE_RECORDER
+from gdmp_ros.ros.clients.testbed import ARM, MODULES, TAKE_RECORDER
+from gdmp_ros.scene import Scene, Volume
 from gdmp_ros.studio.nodes_robot import NodesRobot
 from test.studio import views
 
@@ -94,3 +95,22 @@ def test_how_the_arm_followed_a_motion_is_known_for_a_correction(robot, running,
     away = np.linalg.norm((followed.measured - followed.references)[:, :3], axis=1)
     pushed = (followed.progress > 0.4) & (followed.progress < 0.6)
     assert away[pushed].max() > 0.015 and away[followed.progress < 0.25].max() < 0.015
+
+
+def test_an_arm_that_is_started_again_hears_what_is_around_it(nodes):
+    nodes.start_arm()
+    nodes.wait('the arm', lambda: bool(nodes.robot))
+    robot = NodesRobot()
+    try:
+        robot.surround(Scene([Volume('post', 'sphere', (0.05,), np.array(
+            [0.3, 0.5, 0.2, 1.0, 0.0, 0.0, 0.0]))]))
+        nodes.spend(0.5)
+        assert nodes.children.node(ARM).control.controller.scene.names == ('post',)
+        nodes.children.kill(ARM)
+        nodes.spend(2.0)
+        assert robot.view() is None
+        nodes.start_arm()
+        nodes.wait('the scene', lambda: nodes.children.node(ARM).active and nodes.children.node(
+            ARM).control.controller.scene.names == ('post',), 20.0)
+    finally:
+        robot.close()
