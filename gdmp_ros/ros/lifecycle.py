@@ -32,6 +32,8 @@ from gdmp_ros.util.compile_progress import compilation_reported
 
 #: Time between two reports of a node, and without one the node counts as silent [s].
 REPORT_S, SILENT_S = 0.1, 1.0
+#: Reports between two diagnostics that say the same.
+DIAGNOSTICS_EVERY = 10
 #: Ticks between two checks for subscribers.
 CHECK_EVERY = 100
 

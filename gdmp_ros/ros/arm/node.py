@@ -25,7 +25,7 @@ from gdmp_ros.ros.arm.parameters import controller_settings, payload, tool_trans
 from gdmp_ros.ros.arm.services import ArmServices
 from gdmp_ros.ros.arm.state_publisher import StatePublisher
 from gdmp_ros.ros.frames import BaseFrame
-from gdmp_ros.ros.lifecycle import ManagedNode
+from gdmp_ros.ros.lifecycle import DIAGNOSTICS_EVERY, ManagedNode
 from gdmp_ros.ros.messages import lateness_diagnostics
 from gdmp_ros.ros.parameters import Parameters
 from gdmp_ros.ros.scene.bodies import body_volumes, BodyTopics, is_of_arm
@@ -76,6 +76,7 @@ class ArmNode(ManagedNode):
         self._twins = self._reason = ''
         self._beside = []
         self._told: SceneMessage | None = None
+        self._diagnosis = DiagnosticStatus.OK, ''
         self.lateness = LatenessRecorder(1_000_000)
 
     # Lifecycle
@@ -330,6 +331,9 @@ class ArmNode(ManagedNode):
             publishers = ', '.join(self.participant.publishers(self.parameters.reference_topic))
             self.get_logger().warning(f'reference refused: {states.last_refusal} (published by '
                                       f'{publishers})', throttle_duration_sec=1.0)
+        known, self._diagnosis = self._diagnosis, (level, text)
+        if self._report_count % DIAGNOSTICS_EVERY and known == (level, text):
+            return
         extra = {'references refused': states.refused, 'last refusal': states.last_refusal,
                  'energy tank [J]': f'{controller.tank.energy:.3f}',
                  **{f'{limit.name} limit, ticks': count

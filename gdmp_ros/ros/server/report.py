@@ -18,15 +18,13 @@ from gdmp_ros.playback.states import Status
 from gdmp_ros.playback.streamer import Streamer
 from gdmp_ros.realtime.loop import NS
 from gdmp_ros.realtime.statistics import Punctuality
-from gdmp_ros.ros.lifecycle import ManagedNode
+from gdmp_ros.ros.lifecycle import DIAGNOSTICS_EVERY, ManagedNode
 from gdmp_ros.ros.messages import lateness_diagnostics, path_message, pose_message, tube_message
 
 #: Poses of a predicted path in one duration of the motion.
 PLAN_POSES = 40
 #: Reports between two predicted paths.
 PLAN_EVERY = 5
-#: Reports between two diagnostics without a change, and between two checks of the publishers.
-DIAGNOSTICS_EVERY = 10
 #: Reports between two evaluations of rate and lateness, and number of ticks for them.
 FIGURES_EVERY, WINDOW = 10, 1000
 #: Parts of the rate that is asked for, below which there is a warning, and an error.
