@@ -202,6 +202,16 @@ class Arm:
         self._actuation.reset(self.data.qfrc_bias[self._joints])
         self._random = np.random.default_rng(0)
 
+    def show(self, position: np.ndarray, others: np.ndarray) -> None:
+        """
+        Put everything at rest somewhere, to be looked at.
+
+        :param others: positions of what is not a joint of the arm: fingers, objects
+        """
+        self.data.qpos[self._joints] = position
+        self.data.qpos[len(self.names):] = others
+        mujoco.mj_kinematics(self.model, self.data)
+
     def rest(self) -> None:
         """Take the velocity of the joints away."""
         self.data.qvel[self._joints] = 0.0

@@ -4,7 +4,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import mujoco
 import numpy as np
 import trimesh
 import viser
@@ -91,9 +90,7 @@ class ArmModel:
         if np.array_equal(places, self._shown):
             return
         self._shown = places
-        self._arm.reset(joints)
-        self._arm.data.qpos[self._fingers] = fingers
-        mujoco.mj_kinematics(self._arm.model, self._arm.data)
+        self._arm.show(joints, fingers)
         data = self._arm.data
         for body, frame in self._frames.items():
             frame.position, frame.wxyz = data.xpos[body].copy(), data.xquat[body].copy()

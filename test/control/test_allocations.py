@@ -13,7 +13,7 @@ from gdmp_ros.control.law import compute
 from gdmp_ros.control.memory import FREE, JOINT_MOTION, JOINT_SPRINGS, TOOL_SPRING
 from gdmp_ros.control.plain_tick import controller_of
 from gdmp_ros.control.target import resting_target, STIFFNESS, TWIST, WRENCH_GAIN
-from gdmp_ros.kernels import kernel, local_matrix, local_numbers, local_zeros
+from gdmp_ros.kernels import allocating, kernel, local_matrix, local_numbers, local_zeros
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.closed_loop import ClosedLoop
 from gdmp_ros.sim.plain_tick import follow_plainly, robot_of
@@ -34,7 +34,7 @@ def references(numbers, last, held, target, count):
     return numbers[0]
 
 
-@kernel
+@allocating
 def with_memory(count):
     total = 0.0
     for _ in range(count):

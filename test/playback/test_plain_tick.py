@@ -3,6 +3,7 @@ import numpy as np
 import pytest
 
 from gdmp_ros.kernels import kernel
+from gdmp_ros.manifolds.linalg import copy_into
 from gdmp_ros.playback.measured_input import MeasuredInput, MeasuredInputs
 from gdmp_ros.playback.plain_tick import plain_tick
 from gdmp_ros.playback.settings import PlayerSettings, StreamSettings
@@ -19,7 +20,7 @@ def ticks(motion, dt, count, references):
     for k in range(count):
         if plain_tick(motion, dt):
             return k + 1, True
-        references[k] = motion.bounded
+        copy_into(motion.bounded, references[k])
     return count, False
 
 

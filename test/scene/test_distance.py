@@ -3,7 +3,7 @@ import coal
 import numpy as np
 import pytest
 
-from gdmp_ros.kernels import kernel
+from gdmp_ros.kernels import kernel, local_numbers
 from gdmp_ros.scene.distance import distances, segment_distance
 from gdmp_ros.scene.volume import Volume
 
@@ -46,7 +46,7 @@ def judged(volume, segment, radius):
 
 @kernel
 def all_distances(volume, segments, found):
-    way = np.empty(3)
+    way = local_numbers(3)
     for k in range(segments.shape[0]):
         found[k, 0], found[k, 1] = segment_distance(volume, segments[k, 0], segments[k, 1], way)
         for i in range(3):
