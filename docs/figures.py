@@ -4,8 +4,9 @@ Compares figures in the pages with the files that were measured: ``python docs/f
 With ``--write`` the pages get the figures of the files.
 
 `docs/figures.yaml` names, for a page, a sentence or a row of a table with ``{}`` in the place of
-each figure, the file in `docs/figures` that has it, and where: keys, a factor, and a format. The
-files are written by the commands that the pages name, with ``--json``.
+each figure, the file in `docs/figures` that has it, and where: keys (with ``/`` between those of
+two numbers: their quotient), a factor, and a format. The files are written by the commands that
+the pages name, with ``--json``; long lists are left out.
 """
 from __future__ import annotations
 
@@ -22,7 +23,10 @@ FOLDER = Path(__file__).parent
 
 
 def value_of(document: Any, keys: list[Any]) -> float:
-    """A number in a document."""
+    """A number in a document, or the quotient of two."""
+    if '/' in keys:
+        at = keys.index('/')
+        return value_of(document, keys[:at]) / value_of(document, keys[at + 1:])
     for key in keys:
         document = document[key]
     return float(document)

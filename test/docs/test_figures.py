@@ -14,10 +14,23 @@ def test_all_figures_agree():
 
 
 def test_a_figure_that_was_changed_is_found(tmp_path):
-    for name in ('figures.yaml', 'obstacles.md'):
+    for name in ('figures.yaml', 'obstacles.md', 'performance.md'):
         shutil.copy(DOCS / name, tmp_path)
     shutil.copytree(DOCS / 'figures', tmp_path / 'figures')
     page = tmp_path / 'obstacles.md'
     page.write_text(page.read_text().replace('| the bend alone | 92 %', '| the bend alone | 99 %'))
     (wrong,) = figures.problems(tmp_path)
     assert 'the bend alone | 92 %' in wrong and 'bench-obstacles.json' in wrong
+
+
+def test_figures_are_written_into_their_places(tmp_path):
+    for name in ('figures.yaml', 'obstacles.md', 'performance.md'):
+        shutil.copy(DOCS / name, tmp_path)
+    shutil.copytree(DOCS / 'figures', tmp_path / 'figures')
+    before = (tmp_path / 'performance.md').read_text()
+    page = tmp_path / 'performance.md'
+    row = next(line for line in before.splitlines() if line.startswith('| pose + SPD(3) stiff'))
+    page.write_text(before.replace(row, '| pose + SPD(3) stiffness | 77.7 | 99 × |'))
+    assert len(figures.problems(tmp_path)) == 1
+    figures.write(tmp_path)
+    assert figures.problems(tmp_path) == [] and page.read_text() == before
