@@ -9,8 +9,8 @@ from gdmp_ros.studio.app import Studio
 from gdmp_ros.studio.motion import Curve
 from gdmp_ros.view.style import INK
 
-#: Height of the curves [pixels].
-HEIGHT = 200
+#: Height of the curves [pixels], and share of it that is free above and below.
+HEIGHT, SPACE = 200, 0.05
 _CURSOR = '#888888'
 
 
@@ -96,8 +96,12 @@ class TimePanel:
         line = np.full(len(times), np.nan)
         line[at:at + 2] = ends
         data = (times, *columns, line)
+        # uPlot finds no range if a number is missing.
+        space = SPACE * (ends[1] - ends[0]) or 1.0
+        scales = {'x': viser.uplot.Scale(time=False), 'y': viser.uplot.Scale(
+            auto=False, range=(ends[0] - space, ends[1] + space))}
         if self._plot is not None and curve.labels == self._drawn:
-            self._plot.data = data
+            self._plot.scales, self._plot.data = scales, data
             return
         if self._plot is not None:
             self._plot.remove()
@@ -107,5 +111,5 @@ class TimePanel:
             viser.uplot.Series(label='now', stroke=_CURSOR, width=1)]
         with self._folder:
             self._plot = self._studio.server.gui.add_uplot(
-                data, tuple(series), scales={'x': viser.uplot.Scale(time=False)}, height=HEIGHT)
+                data, tuple(series), scales=scales, height=HEIGHT)
         self._drawn = curve.labels

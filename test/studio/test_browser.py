@@ -1,12 +1,16 @@
 """The studio in a real browser, and as a process: three tests of each."""
+from io import BytesIO
 import re
 import signal
 import socket
+import time
 
 import numpy as np
+from PIL import Image
 import pytest
 
 from gdmp_ros import Skill
+from gdmp_ros.studio.scene import colour
 from test.commands import gdmp
 from test.studio.browser import needs_browser, opened_browser, Page, StudioProcess
 from test.studio.test_page import ends_at
@@ -76,6 +80,21 @@ def test_another_browser_changes_the_same_skill_and_goes(page, browser, studio, 
     other.page.close()  # as a laptop that is closed
     page.click('undo all changes')
     page.wait('the learned path', lambda text: abs(ends_at(text)[0] - 0.5) > 1e-3)
+
+
+@needs_browser
+def test_curves_are_drawn(page):
+    page.page.get_by_text('curves', exact=True).first.click()
+    page.step(10)
+    for _ in range(100):
+        picture = np.asarray(Image.open(BytesIO(
+            page.page.locator('.uplot').first.screenshot())).convert('RGB'), int)
+        drawn = [int((np.abs(picture - colour(k)).max(axis=2) < 40).sum()) for k in range(3)]
+        if min(drawn) > 40:
+            break
+        page.step()
+        time.sleep(0.1)
+    assert min(drawn) > 40
 
 
 def asked(address, *headers):
