@@ -136,9 +136,8 @@ def profiles(data: Data, sets: list[str]) -> Any:
         _pairs(panel, times, data[f'{mapping}_shown_velocity'], data[f'{mapping}_velocity'],
                'derivative in the frame [1/s]')
         panel = figure.add_subplot(grid[row, 2])
-        panel.plot(times, data[f'{mapping}_distance'], color=plots.INK[0], label='distance')
+        panel.plot(times, data[f'{mapping}_distance'], color=plots.INK[0])
         panel.set(xlabel='time [s]', ylabel='distance [1]')
-        panel.legend()
         _view(figure, grid[row, 3], mapping, data)
     return figure
 
@@ -148,7 +147,7 @@ def _pairs(panel: Any, times: np.ndarray, shown: np.ndarray, made: np.ndarray,
     panel.plot(times, shown, color='0.7', lw=2.6)
     panel.plot([], [], color='0.7', lw=2.6, label='demonstration')
     plots.series(panel, times, made, [f'G-DMP {i + 1}' for i in range(made.shape[1])], label)
-    panel.legend(fontsize=6, ncols=4)
+    _explain(panel, ncols=4)
 
 
 def _view(figure: Any, cell: Any, mapping: str, data: Data) -> None:
@@ -176,7 +175,13 @@ def _view(figure: Any, cell: Any, mapping: str, data: Data) -> None:
                               (made, {'color': plots.INK[1], 'lw': 1.2,
                                       'label': 'reproduction'})):
             panel.plot(*_direction(points, mapping).T, **style)
-    panel.legend(fontsize=7)
+    _explain(panel, ncols=2)
+
+
+def _explain(panel: Any, ncols: int) -> None:
+    """A legend above the curves."""
+    panel.legend(fontsize=6, ncols=ncols, loc='lower left', bbox_to_anchor=(0.0, 1.0),
+                 borderaxespad=0.2)
 
 
 def _direction(points: np.ndarray, mapping: str) -> np.ndarray:

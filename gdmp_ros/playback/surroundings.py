@@ -47,12 +47,19 @@ class Surroundings:
         :param goal: the same of its goal
         :raises BlockedError: if there is no way
         """
-        self._known, self.around = self.scene.copy(), ()
-        if self.tool is None or not len(self.scene.names) or not leads_around(skill):
-            return skill
-        found = detour(skill, self._known, self.tool, start=start, goal=goal)
-        self.around = found.around
-        return found.skill
+        scene = self.scene.copy()
+        result, around = self._led(scene, skill, start, goal)
+        # Of a motion that is refused nothing is remembered: another one may go on.
+        self._known, self.around = scene, around
+        return result
+
+    def _led(self, scene: Scene, skill: Skill, start: np.ndarray | None, goal: np.ndarray | None
+             ) -> tuple[Skill, tuple[str, ...]]:
+        """What is executed in a scene, and around what."""
+        if self.tool is None or not len(scene.names) or not leads_around(skill):
+            return skill, ()
+        found = detour(skill, scene, self.tool, start=start, goal=goal)
+        return found.skill, found.around
 
     def led_steps(self, sequence: SkillSequence, first: int, place: np.ndarray | None,
                   settings: PlayerSettings) -> SkillSequence:
@@ -62,20 +69,20 @@ class Surroundings:
         :param first: index of the step that it begins with
         :param place: where that begins; None for the start of the first skill
         """
-        steps, names = list(sequence.steps), list[str]()
+        steps, names, scene = list(sequence.steps), list[str](), self.scene.copy()
         for index, step in enumerate(steps):
             if index < first or not isinstance(step, MotionStep):
                 continue
             skill, tool = step.skill, StreamedSkill(step.skill, settings)
             start = None if place is None else tool.changed(skill.start, place)
-            led = self.led(skill, start, step.goal)
+            led, around = self._led(scene, skill, start, step.goal)
             if led is not skill:
                 longer = led.duration / skill.duration
                 steps[index] = replace(step, skill=led, goal=None, duration=(
                     None if step.duration is None else step.duration * longer))
-            names += self.around
+            names += around
             place = tool.place_of(skill.goal if step.goal is None else step.goal)
-        self.around = tuple(dict.fromkeys(names))
+        self._known, self.around = scene, tuple(dict.fromkeys(names))
         return SkillSequence(steps, sequence.name)
 
     @property

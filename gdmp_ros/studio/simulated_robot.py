@@ -9,7 +9,7 @@ import traceback
 import numpy as np
 
 from gdmp_ros.control.arm_states import Request, State
-from gdmp_ros.control.gripper import GripperCommand
+from gdmp_ros.control.gripper import check_command, GripperCommand
 from gdmp_ros.control.joint_motion import PostureMotion
 from gdmp_ros.control.joint_target import joint_target_size
 from gdmp_ros.control.limits import described, LIMITS
@@ -33,7 +33,7 @@ from gdmp_ros.realtime.loop import Clock, Loop, NS, SystemClock
 from gdmp_ros.scene import Scene
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.closed_loop import ClosedLoop
-from gdmp_ros.sim.gripper import arm_with_gripper, GripperOfLoop
+from gdmp_ros.sim.gripper import arm_with_gripper, GripperOfLoop, STRONGEST
 from gdmp_ros.sim.path_check import Reach
 from gdmp_ros.sim.teaching import Hand
 from gdmp_ros.sim.tool_shape import tool_of
@@ -241,6 +241,7 @@ class SimulatedRobot:
     def grip(self, command: GripperCommand) -> None:
         if self._gripper is None:
             raise ParameterError('the arm has no gripper')
+        check_command(command, self._gripper.widest, STRONGEST)
         self._commands.put(lambda: self._grip(command))
 
     def record(self, folder: Path) -> None:

@@ -195,17 +195,18 @@ class Workbench:
 
     def open_take(self, path: Path) -> Take:
         """
-        Read a take: poses of the tool, or else positions of the joints.
+        Read a take: poses of the tool, or positions of the joints if it has no poses.
 
         :raises DataError: naming bag, topic, sample and reason
         """
-        try:
-            take = Take(path, recordings.read(path, settings=self._reading))
-        except DataError as error:
-            try:
-                take = Take(path, recordings.read_joints(path, '', self._reading))
-            except DataError:
-                raise error from None
+        kinds = set() if episodes.is_foreign(path) else {
+            kind for _, kind, _ in bags.topics(path)}
+        if self._reading.joints is None and bags.JOINTS in kinds and not kinds & {
+                *bags.POSES, bags.TRANSFORMS}:
+            recording = recordings.read_joints(path, '', self._reading)
+        else:
+            recording = recordings.read(path, settings=self._reading)
+        take = Take(path, recording)
         self.takes.append(take)
         return take
 

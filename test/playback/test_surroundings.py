@@ -1,6 +1,8 @@
 """What has moved since a motion began, and is bent around."""
 import numpy as np
+import pytest
 
+from gdmp_ros.learning.detour import BlockedError
 from gdmp_ros.playback.surroundings import Surroundings
 from gdmp_ros.scene import Scene, Volume
 from gdmp_ros.sim.arm import Arm
@@ -36,3 +38,12 @@ def test_parts_that_are_cut_in_another_way_have_not_moved():
     assert moved_to([whole], halves) == () and moved_to(halves, [whole]) == ()
     comes = box('cloud#3', (0.4, 0.5, 0.1), (0.1, 0.1, 0.2))
     assert moved_to([whole], [*halves, comes]) == ('cloud#3',)
+
+
+def test_a_motion_that_is_refused_changes_nothing_for_the_one_that_runs():
+    surroundings = Surroundings(tool_of(Arm()))
+    surroundings.led(line(START, GOAL, np.zeros(3)), None, None)
+    surroundings.scene = Scene([box('crate', GOAL, (0.2, 0.2, 0.2))])
+    with pytest.raises(BlockedError):
+        surroundings.led(line(START, GOAL, np.zeros(3)), None, None)
+    assert surroundings.moved.names == ('crate',)
