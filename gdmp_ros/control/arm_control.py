@@ -7,7 +7,7 @@ import numpy as np
 
 from gdmp_ros.control.arm_driver import ArmDriver, ArmStopped
 from gdmp_ros.control.arm_states import ArmStates, Request, State
-from gdmp_ros.control.controller import ImpedanceController
+from gdmp_ros.control.controller import ImpedanceController, WAITS
 from gdmp_ros.control.governor import TOOL_SPEED_SHARE
 from gdmp_ros.control.joint_motion import Braking, JointMotion
 from gdmp_ros.control.joint_target import joint_target_size, resting_joints
@@ -24,6 +24,8 @@ from gdmp_ros.errors import DataError, RefusedError
 #: In these the joints are moved; in these nothing keeps the posture of the null space.
 _OF_JOINTS = (State.MOVING, State.IDENTIFYING)
 _FREE = (*_OF_JOINTS, State.GUIDED, State.COMPLIANT)
+#: A motion of the joints that waits for longer is ended [s].
+LONGEST_WAIT_S = 10.0
 
 
 class ArmControl:
@@ -52,6 +54,8 @@ class ArmControl:
         self.joint_motion_problem = ''
         self._planned: JointMotion | None = None
         self._braking: Braking | None = None
+        # Of a motion of the joints: its tempo in the last tick, and how long it has waited [s].
+        self._last_tempo, self._waited = 1.0, 0.0
 
     def hold(self, measured: Measurement) -> None:
         """Hold the arm where it is, as after the start."""
@@ -73,7 +77,7 @@ class ArmControl:
             self.compute(measured, dt)
         compare_with(self.controller.numbers, np.tile(self.controller.memory.last, (2, 1)),
                      self.joints.cycle)
-        self.controller.scale_of(measured.velocity)
+        self.controller.share_of(measured.velocity, dt)
         self.controller.move_joints(measured, measured.position, measured.velocity, dt)
         self.controller.move_tool(measured.pose, measured.pose, self.driver.end_pose)
         self.controller.surround(self.controller.scene)
@@ -254,16 +258,18 @@ class ArmControl:
         if self._planned is not None and self.states.state in _OF_JOINTS:
             self.joint_motion, self._planned = self._planned, None
             self.joint_motion.begin(measured.position)
+            self._last_tempo, self._waited = 1.0, 0.0
         motion = self._present_motion
         if motion is None:
             return self.controller.tick(measured, dt)
         position, velocity = motion.target()
-        tempo = self._tempo(motion, measured, velocity)
+        tempo = self._tempo(motion, measured, velocity, dt)
         result = self.controller.move_joints(measured, position, tempo * velocity, dt)
         if motion is not self._present_motion:
             return result  # a collision has ended it
         try:
             motion.add(measured, result.torque, tempo * dt)
+            self._check_waits(motion, dt)
         except DataError as error:
             # What holds the arm would be pushed on by joints that come to rest on their way.
             self.joint_motion, self.joint_motion_problem = None, str(error)
@@ -273,7 +279,17 @@ class ArmControl:
                 self.states.take(Request.ARRIVED)
         return result
 
-    def _tempo(self, motion: JointMotion, measured: Measurement, velocity: np.ndarray) -> float:
+    def _check_waits(self, motion: JointMotion, dt: float) -> None:
+        """:raises DataError: if a motion has waited for too long, or may not wait at all"""
+        scale = self.controller.scale
+        self._waited = self._waited + dt if scale < WAITS else 0.0
+        if self._waited > LONGEST_WAIT_S:
+            raise DataError(f'it waited {LONGEST_WAIT_S:g} s for {self.controller.blocked}')
+        if motion.request is Request.IDENTIFY and scale < 1.0:
+            raise DataError('the arm was slowed down by what is around it: nothing was measured')
+
+    def _tempo(self, motion: JointMotion, measured: Measurement, velocity: np.ndarray, dt: float
+               ) -> float:
         """
         Part of the time that passes for a motion of the joints.
 
@@ -284,7 +300,9 @@ class ArmControl:
             return 1.0  # one that comes to rest is not kept from it
         speed = float(np.linalg.norm(measured.jacobian[:3] @ velocity))
         largest = TOOL_SPEED_SHARE * self.controller.settings.limits.tool_speed
-        return min(self.controller.scale_of(velocity), largest / max(speed, largest))
+        self._last_tempo = min(self.controller.share_of(velocity, dt),
+                               largest / max(speed, largest))
+        return self._last_tempo
 
     @property
     def _present_motion(self) -> JointMotion | None:
@@ -304,7 +322,9 @@ class ArmControl:
         if before in _OF_JOINTS and motion is not None and not motion.done:
             self.joint_motion, self.joint_motion_problem = None, self._why_ended()
             if state is State.STOPPING:
-                self._braking = Braking(*motion.target(), self.controller.settings.guard.stop_time)
+                position, velocity = motion.target()
+                self._braking = Braking(position, self._last_tempo * velocity,
+                                        self.controller.settings.guard.stop_time)
         if state is State.FAULT:
             self.controller.tank.empty()
         if state is State.GUIDED:

@@ -6,7 +6,7 @@ import numpy as np
 from gdmp_ros.control import contact, memory
 from gdmp_ros.control.arm_states import ArmStates, Request, State
 from gdmp_ros.control.friction import friction_of
-from gdmp_ros.control.governor import share_of_way
+from gdmp_ros.control.governor import HELD_IN_S, share_of_way
 from gdmp_ros.control.guard import ReferenceGuard
 from gdmp_ros.control.impedance import external_wrench
 from gdmp_ros.control.joint_spring import joint_springs
@@ -31,7 +31,7 @@ from gdmp_ros.control.reference_kinds import MeasuredMotion
 from gdmp_ros.control.settings import ControllerSettings
 from gdmp_ros.control.spring import moved_with_tool, spring_wrench, stored_energy
 from gdmp_ros.control.stiffness import diagonal_bounds
-from gdmp_ros.control.surroundings import depths, SLACK
+from gdmp_ros.control.surroundings import depths, NEARER_M, SLACK
 from gdmp_ros.control.tank import EnergyTank
 from gdmp_ros.control.target import POSE, STIFFNESS, WRENCH
 from gdmp_ros.control.torque_limits import outside_of, relief_of, SPEED_MARGIN
@@ -47,9 +47,10 @@ FREE_DAMPING = {State.COMPLIANT: 5.0, State.GUIDED: 2.0}
 UNEXPLAINED_N = 3.0
 #: Friction of a guided arm beside the force that is unexplained.
 FRICTION_SHARE = 1.5
-#: Joints are checked at this distance on their way [rad], and links may come this much nearer to
-#: what they are too near to [m].
-WAY_STEP, NEARER_M = 0.02, 0.001
+#: Joints are checked at this distance on their way [rad].
+WAY_STEP = 0.02
+#: A motion of the joints with a smaller share of its speed waits.
+WAITS = 0.02
 #: A reference is blocked that has made no way for this time [s].
 BLOCKED_S = 0.5
 _NOTHING = np.zeros(36)
@@ -90,7 +91,7 @@ class ImpedanceController:
         self._next: ControllerSettings | None = None
         self._next_scene: Scene | None = None
         self.scene = Scene()
-        self._refills = False
+        self._refills, self._way = False, 1.0
         self.numbers = memory.blank(len(joints.torque), len(body.capsules), len(body.pairs))
         self.memory = memory.parts(self.numbers)
         self.memory.scalars.cycle = joints.cycle
@@ -165,9 +166,9 @@ class ImpedanceController:
         See `gdmp_ros.control.own_body.placed`; what is not carried has the radius 0.
         """
         arm = self.memory
-        present = self._body._replace(capsules=arm.capsules.copy())
-        return [placed(self._chain, present, position) for position in
-                (arm.position.copy(), arm.position + step * arm.velocity)]
+        present, now = self._body._replace(capsules=arm.capsules.copy()), arm.position.copy()
+        return [placed(self._chain, present, position)
+                for position in (now, now + step * arm.velocity)]
 
     @property
     def links(self) -> tuple[str, ...]:
@@ -364,8 +365,15 @@ class ImpedanceController:
 
     @property
     def blocked(self) -> str:
-        """The limit that keeps the governed reference from its target; empty if it makes way."""
+        """
+        What keeps the governed reference from its target, or a motion of the joints from its way.
+
+        Empty if it makes way.
+        """
         scalars = self.memory.scalars
+        if self._moving and self._way < WAITS:
+            nearest = self.clearance[1]
+            return self._held or (f'what is near: {nearest}' if nearest else 'what is around')
         if scalars.blocked < BLOCKED_S:
             return ''
         if self._held:
@@ -392,20 +400,32 @@ class ImpedanceController:
     @property
     def scale(self) -> float:
         """Share of the speed that is left, beside what comes nearer or is not known any more."""
-        scalars, beside = self.memory.scalars, 1.0
-        if len(self.scene):
-            # Motions of the joints, which have no reference, stand with the measured arm.
-            stands = scalars.does == JOINT_MOTION and self.settings.limits.retreat_speed == 0.0
-            beside = scalars.left if stands else scalars.slowed
-        return float(min(beside, scalars.allowed))
+        scalars = self.memory.scalars
+        if self._moving:
+            return self._way
+        return float(min(scalars.slowed if len(self.scene) else 1.0, scalars.allowed))
 
-    def scale_of(self, velocity: np.ndarray) -> float:
+    @property
+    def _moving(self) -> bool:
+        """Whether a motion of the joints goes on."""
+        return bool(self.memory.scalars.does == JOINT_MOTION)
+
+    def share_of(self, velocity: np.ndarray, dt: float) -> float:
         """
-        Share of the speed that is left to a motion of the joints: `scale`, and what is in the way.
+        Share of the speed that is left to a motion of the joints; it grows slowly.
+
+        What is in the way or comes nearer takes the rest, and whether the arm is held.
 
         :param velocity: that is wanted [rad/s]
+        :param dt: time since the last tick of the motion [s]
         """
-        return min(self.scale, float(share_of_way(self.numbers, velocity)))
+        scalars, share = self.memory.scalars, float(share_of_way(self.numbers, velocity))
+        # A motion of the joints has no reference that stands: the measured arm does.
+        beside = scalars.left if len(self.scene) and (
+            self.settings.limits.retreat_speed == 0.0) else 1.0
+        before = self._way if self._moving else 1.0
+        self._way = float(min(share, beside, scalars.allowed, before + dt / HELD_IN_S))
+        return self._way
 
     @property
     def reference(self) -> np.ndarray:

@@ -31,7 +31,7 @@ from gdmp_ros.control.quadratic_program import solve
 from gdmp_ros.control.settings import LIMIT_NUMBERS
 from gdmp_ros.control.singularity import ROTATION_LENGTH
 from gdmp_ros.control.spring import keep_error
-from gdmp_ros.control.surroundings import MOST_ROWS, surroundings_rows
+from gdmp_ros.control.surroundings import MOST_ROWS, NEARER_M, SLACK, surroundings_rows
 from gdmp_ros.control.target import ACCELERATION, POSE, TWIST
 from gdmp_ros.kernels import kernel, local_matrix, local_numbers, local_zeros, noinline, records_at
 from gdmp_ros.manifolds.linalg import copy_into, limit_norm, norm
@@ -115,9 +115,9 @@ def _collect_rows(arm, position, pose, jacobian, singular, rows, bounds, ids):
                       0.5 * limits.acceleration, limits.speed, 2 * n + OTHER_ROWS, rows, bounds,
                       ids, count)
     count, arm.scalars.slowed, arm.scalars.clearance, arm.scalars.nearest = surroundings_rows(
-        arm.frames, arm.axes, position, arm.capsules, arm.volumes, 0.5 * limits.acceleration,
-        limits.speed, limits.retreat_speed, 2 * n + OTHER_ROWS + arm.pairs.shape[0], rows,
-        bounds, ids, count)
+        arm.frames, arm.axes, position, arm.capsules, arm.volumes, SLACK,
+        0.5 * limits.acceleration, limits.speed, limits.retreat_speed,
+        2 * n + OTHER_ROWS + arm.pairs.shape[0], rows, bounds, ids, count)
     if limits.retreat_speed == 0.0:
         arm.scalars.slowed = min(arm.scalars.slowed, arm.scalars.left)
     hold_back_smoothly(arm.scalars)
@@ -137,9 +137,10 @@ def share_of_way(numbers, rates):
     limits = records_at(arm.limits, 0, 1, LIMIT_NUMBERS)[0]
     rows = local_matrix(MOST_ROWS, n)
     bounds, ids = local_numbers(MOST_ROWS), local_numbers(MOST_ROWS)
-    count = surroundings_rows(
-        arm.frames, arm.axes, arm.position, arm.capsules, arm.volumes, 0.5 * limits.acceleration,
-        limits.speed, 0.0, 0, rows, bounds, ids, 0)[0]
+    # As near as a way may come that is accepted.
+    count, _, arm.scalars.clearance, arm.scalars.nearest = surroundings_rows(
+        arm.frames, arm.axes, arm.position, arm.capsules, arm.volumes, -NEARER_M,
+        0.5 * limits.acceleration, limits.speed, 0.0, 0, rows, bounds, ids, 0)
     for i in range(count):
         speed = 0.0
         for k in range(n):

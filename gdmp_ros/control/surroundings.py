@@ -32,6 +32,8 @@ SLOWED_S, LEFT_SHARE = 0.6, 1.0
 #: The reference keeps this much more than the margin, and there the barrier begins: the arm is not
 #: quite where its reference is [m].
 SLACK = 0.01
+#: Motions of the joints may bring links this much nearer to what they are too near to [m].
+NEARER_M = 0.001
 #: Volumes that are further away than this are not near [m].
 SEEN_FROM = 0.5
 #: Ends of a link have a row of their own if they are this far along it from its nearest point, so
@@ -124,8 +126,8 @@ def _place_for(bounds, first, count, bound):
 
 
 @kernel
-def surroundings_rows(frames, axes, position, capsules, volumes, deceleration, fastest, retreat,
-                      first_id, rows, bounds, ids, first):
+def surroundings_rows(frames, axes, position, capsules, volumes, slack, deceleration, fastest,
+                      retreat, first_id, rows, bounds, ids, first):
     """
     Write the rows of links and volumes that may bind, behind others.
 
@@ -133,6 +135,7 @@ def surroundings_rows(frames, axes, position, capsules, volumes, deceleration, f
     :param position: of the joints of the reference [rad], shape (n,)
     :param capsules: of the arm (`gdmp_ros.control.own_body.Body`)
     :param volumes: packed (`gdmp_ros.scene.volume`), in the frame of the base
+    :param slack: an approach ends so far outside of the margin [m]
     :param deceleration: with which an approach ends [m/s²]
     :param fastest: a row does not bind that allows this speed [m/s]
     :param retreat: speed at which the arm goes away from what comes [m/s]
@@ -179,7 +182,7 @@ def surroundings_rows(frames, axes, position, capsules, volumes, deceleration, f
                 coming = _coming(volume, point, way)
                 if retreat == 0.0:
                     share = min(share, _share_beside(away, volume[MARGIN], coming))
-                bound = max(approach(away - volume[MARGIN] - SLACK, deceleration) - coming,
+                bound = max(approach(away - volume[MARGIN] - slack, deceleration) - coming,
                             -retreat)
                 at = _place_for(bounds, first, count, bound)
                 if bound < fastest and at >= 0:

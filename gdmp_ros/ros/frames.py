@@ -62,10 +62,6 @@ class Waiting:
         self._rows.append((take, self._now()))
         self.look()
 
-    def clear(self) -> None:
-        """Forget what waits: something newer has come."""
-        self._rows.clear()
-
     def look(self) -> None:
         """Take what can be taken."""
         while self._rows:

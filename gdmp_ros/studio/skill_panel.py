@@ -135,6 +135,8 @@ class SkillPanel:
         studio, via = self._studio, self._studio.bench.changes.via
 
         def move() -> None:
+            if progress not in via:
+                return  # removed meanwhile
             if is_of_joints(studio.bench.skill):
                 via[progress] = studio.place_at(studio.bench.skill, pose, via[progress])
             else:

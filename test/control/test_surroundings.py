@@ -5,6 +5,7 @@ import pytest
 from experiments.control_limits import ANYWHERE
 from experiments.obstacles import arm_trial, at_rest, follow, stream
 from gdmp_ros import DataError
+from gdmp_ros.control.arm_states import Request
 from gdmp_ros.control.joint_motion import PostureMotion
 from gdmp_ros.control.limit_rows import approach
 from gdmp_ros.control.settings import ControllerSettings, LimitSettings
@@ -35,8 +36,8 @@ def found_rows(arm, posture, rows_of, retreat=0.0):
     n = len(posture)
     rows, bounds, ids = np.zeros((MOST_ROWS, n)), np.zeros(MOST_ROWS), np.zeros(MOST_ROWS)
     count, share, clearance, nearest = surroundings_rows(
-        *arm.chain, posture, arm.shape.capsules, rows_of, 5.0, 100.0, retreat, 0, rows, bounds,
-        ids, 0)
+        *arm.chain, posture, arm.shape.capsules, rows_of, SLACK, 5.0, 100.0, retreat, 0, rows,
+        bounds, ids, 0)
     return rows[:count], bounds[:count], ids[:count].astype(int), share, clearance, nearest
 
 
@@ -311,25 +312,78 @@ def test_a_motion_of_the_joints_waits_while_the_arm_is_held_back():
     np.testing.assert_allclose(loop.arm.data.qpos, away, atol=5e-3)
 
 
+def held_in_motion():
+    """An arm that waits on its way."""
+    loop = blocked_loop()
+    loop.move(PostureMotion(loop.joints, (Arm().home + 0.6 * np.eye(7)[0])[None], 0.5))
+    for k in range(1500):
+        if k == 700:
+            loop.controller.hold_back('the cloud is old')
+        loop.tick()
+    assert np.abs(loop.arm.data.qvel).max() < 1e-2
+    assert loop.controller.scale == 0.0 and loop.controller.blocked == 'the cloud is old'
+    return loop
+
+
+def test_a_motion_of_the_joints_that_waits_is_stopped_where_it_is():
+    loop = held_in_motion()
+    stands = loop.arm.data.qpos.copy()
+    loop.do(Request.STOP)
+    for _ in range(1000):
+        loop.tick()
+    assert not loop.moves_joints and np.abs(loop.arm.data.qpos - stands).max() < 2e-3
+
+
+def test_a_motion_of_the_joints_that_waits_for_too_long_is_ended_with_the_reason():
+    loop = held_in_motion()
+    for _ in range(11_000):
+        loop.tick()
+    assert not loop.moves_joints
+    assert loop.joint_motion_problem == 'it waited 10 s for the cloud is old'
+
+
+def test_a_way_that_is_accepted_is_gone():
+    loop = blocked_loop()
+    away = Arm().home + 0.5 * np.eye(7)[0]
+    # Beside the way: nearer than the reference of a stream would come, not nearer than the margin.
+    ends = np.array([Arm().pose_at(Arm().home + share * (away - Arm().home))[:3]
+                     for share in np.linspace(0.0, 1.0, 20)])
+    for gap in np.linspace(0.02, 0.3, 57):
+        ball = Volume('ball', 'sphere', (0.03,), np.array([
+            *ends[-1] + [0.0, 0.05 + gap, 0.0], 1.0, 0.0, 0.0, 0.0]))
+        loop.controller.surround(Scene([ball], MARGIN))
+        try:
+            loop.controller.check_way(away[None])
+        except ParameterError:
+            continue
+        break
+    loop.move(PostureMotion(loop.joints, away[None], 0.5))
+    for _ in range(8000):
+        loop.tick()
+    assert not loop.moves_joints and not loop.joint_motion_problem
+    assert np.abs(loop.arm.data.qpos - away).max() < 0.03
+
+
 def test_a_motion_of_the_joints_waits_for_what_comes_near_and_goes_on():
     loop = blocked_loop()
     home, away = Arm().home, Arm().home + [0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
     # Something comes to the hand from the side to which it goes.
-    place = np.array([*Arm().pose_at(home)[:3] + [0.0, 0.35, 0.0], 1.0, 0.0, 0.0, 0.0])
+    place = np.array([*Arm().pose_at(home)[:3] + [0.0, 0.42, 0.0], 1.0, 0.0, 0.0, 0.0])
     loop.move(PostureMotion(loop.joints, away[None], 0.5))
     most = 0.0
     for k in range(6000):
         if k % 50 == 0:
             comes = k < 1000
             gone = k >= 3000
-            ball = Volume('ball', 'sphere', (0.03,), place + (5.0 * gone) * np.eye(7)[2], np.array(
+            ball = Volume('ball', 'sphere', (0.1,), place + (5.0 * gone) * np.eye(7)[2], np.array(
                 [0.0, -0.15 * comes, 0.0, 0.0, 0.0, 0.0]))
             loop.controller.surround(Scene([ball], MARGIN))
         place[1] -= 1e-3 * 0.15 * (k < 1000)
         loop.tick()
         if 2000 < k < 3000:
             most = max(most, float(np.abs(loop.arm.data.qvel).max()))
-    assert most < 0.02 and not loop.joint_motion_problem
+            assert loop.controller.clearance[0] > 0.5 * MARGIN
+    assert most < 0.03 and not loop.joint_motion_problem
     np.testing.assert_allclose(loop.arm.data.qpos, away, atol=5e-3)
 
 

@@ -118,6 +118,15 @@ def test_a_body_is_what_the_arm_is_and_moves_as_it_does():
     assert np.abs(distances(Scene(volumes).packed(), later) - inside).max() > 1e-4
 
 
+def test_a_body_in_an_unknown_frame_is_refused_with_the_reason(tmp_path, skill_file):
+    with open_testbed(tmp_path, skill_file) as made:
+        for side in SIDES:
+            made.children.start(side, MODULES[ARM], [
+                '--ros-args', '-r', f'__ns:=/{side}', '-p', f'frame_id:={side}_link0', '-p',
+                'headless:=true', '-p', "other_arms:=['/right/panda_sim/body']"])
+        made.wait_log('left', '/right/panda_sim/body: ', 30.0)
+
+
 def test_an_unknown_link_is_refused(tmp_path, skill_file):
     with open_testbed(tmp_path, skill_file) as made:
         made.children.start('left', MODULES[ARM], [

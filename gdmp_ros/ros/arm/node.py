@@ -28,7 +28,7 @@ from gdmp_ros.ros.frames import BaseFrame
 from gdmp_ros.ros.lifecycle import DIAGNOSTICS_EVERY, ManagedNode
 from gdmp_ros.ros.messages import lateness_diagnostics
 from gdmp_ros.ros.parameters import Parameters
-from gdmp_ros.ros.scene.bodies import body_volumes, BodyTopics, is_of_arm
+from gdmp_ros.ros.scene.bodies import body_volumes, BodyTopics
 from gdmp_ros.ros.scene.cloud import CloudTopic
 from gdmp_ros.ros.scene.messages import scene_message
 from gdmp_ros.ros.scene.moveit import PlanningObjects
@@ -75,7 +75,8 @@ class ArmNode(ManagedNode):
         self._refusal = '', Time()
         self._twins = self._reason = ''
         self._beside = []
-        self._told: SceneMessage | None = None
+        self._told: tuple[Any, ...] | None = None
+        self._bodies: BodyTopics | None = None
         self._diagnosis = DiagnosticStatus.OK, ''
         self.lateness = LatenessRecorder(1_000_000)
 
@@ -134,6 +135,7 @@ class ArmNode(ManagedNode):
             return {name: compose(there, pose)
                     for name, pose in tool_frames(arm, p.frame_id).items()}
         self._scene_out = self.add_publisher(SceneMessage, '~/surroundings', 1, late=True)
+        self._told = self._bodies = None
         topics = SceneTopics(self, frames.place_of, p, self._surround, self._refuse, in_tool)
         PlanningObjects(topics, frames.place_of, in_tool,
                         lambda: self.control.controller.memory.pose.copy(),
@@ -154,9 +156,12 @@ class ArmNode(ManagedNode):
                 raise ParameterError(f'other_arms_allowed has {name!r}, the links are '
                                      f'{", ".join(known)}')
 
-    def _body(self) -> list[Volume]:
-        """This arm, as others see it; none while it does not know where it is."""
-        return [] if not self.active else body_volumes(self.control.controller)
+    def _body(self) -> list[Volume] | None:
+        """This arm, as others see it; None while it does not control its own: it stands there."""
+        state = self.control.states.state
+        if not self.active or state is State.INACTIVE:
+            return None
+        return body_volumes(self.control.controller, state is not State.FAULT)
 
     def _known_links(self) -> dict[str, str]:
         """Links of the description that the controller has a shape of, and their names there."""
@@ -182,7 +187,8 @@ class ArmNode(ManagedNode):
         self.active = True
         priority = self.backend.priority()
         self._beside = [self.clock.start(loop, priority_beside(priority)) for loop in (
-            self.state_out.show(self.clock), self._bodies.publish(self.clock),
+            self.state_out.show(self.clock),
+            *([] if self._bodies is None else [self._bodies.publish(self.clock)]),
             *self.backend.beside())]
         running = self._loop = self.clock.start(self._cycles(), priority)
         topic = self.resolve_topic_name(self.parameters.reference_topic)
@@ -291,13 +297,15 @@ class ArmNode(ManagedNode):
 
     def _tell(self, scene: Scene) -> None:
         """Tell what is around the arm, but for other arms: a motion is not led around these."""
-        told = Scene([volume for volume in scene if not is_of_arm(volume)], scene.margin)
-        message = scene_message(told, self.parameters.frame_id, Time())
+        others = self._bodies.names if self._bodies is not None else ()
+        told = Scene([volume for volume in scene if volume.name not in others], scene.margin)
+        key = told.margin, *((
+            volume.name, volume.kind, volume.size, volume.pose.tobytes(), volume.twist.tobytes(),
+            volume.margin, volume.allowed, volume.carried) for volume in told)
         # Bodies of other arms come many times a second.
-        if message != self._told:
-            self._told = message
-            stamped = scene_message(told, self.parameters.frame_id, self.stamp())
-            self._scene_out.publish(stamped)
+        if key != self._told:
+            self._told = key
+            self._scene_out.publish(scene_message(told, self.parameters.frame_id, self.stamp()))
 
     def _refuse(self, reason: str) -> None:
         self.control.states.last_refusal = reason

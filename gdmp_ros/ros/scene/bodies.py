@@ -8,12 +8,14 @@ from typing import Any
 
 from gdmp_msgs.msg import Scene as SceneMessage
 import numpy as np
+from std_msgs.msg import Header
 
 from gdmp_ros.control.controller import ImpedanceController
+from gdmp_ros.errors import GdmpError
 from gdmp_ros.manifolds.poses import compose
 from gdmp_ros.manifolds.quaternion import rotate
 from gdmp_ros.realtime.loop import Clock, Loop, NS, periodic
-from gdmp_ros.ros.frames import Waiting
+from gdmp_ros.ros.frames import FrameError, PATIENCE_S
 from gdmp_ros.ros.lifecycle import ManagedNode
 from gdmp_ros.ros.parameters import Spec
 from gdmp_ros.ros.scene.messages import scene_message, scene_of
@@ -28,8 +30,6 @@ STEP_S = 1e-3
 #: Shortest axis of a capsule; a shorter one is a sphere [m].
 _SHORTEST = 1e-3
 _UP = np.array([0.0, 0.0, 1.0])
-#: How the names of the parts of other arms begin.
-_PREFIX = 'arm '
 SPECS = (
     Spec('other_arms', [''], 'topics ~/body of other arms, from which this arm keeps away',
          changes='configure'),
@@ -38,8 +38,12 @@ SPECS = (
 )
 
 
-def body_volumes(controller: ImpedanceController) -> list[Volume]:
-    """An arm, and what it carries, as volumes that move, in its base."""
+def body_volumes(controller: ImpedanceController, moves: bool = True) -> list[Volume]:
+    """
+    An arm, and what it carries, as volumes that move, in its base.
+
+    :param moves: False: it stands, whatever its last velocities were
+    """
     result, count, step = [], dict[str, int](), STEP_S
     for link, now, then in zip(controller.links, *controller.body(step)):
         if now[6] <= 0.0:
@@ -58,7 +62,7 @@ def body_volumes(controller: ImpedanceController) -> list[Volume]:
             twist[3:] = np.cross(axis, moved_last - moved_first) / length ** 2
             size += (length,)
         result.append(Volume(f'{link}#{number}', 'capsule' if length > _SHORTEST else 'sphere',
-                             size, pose, twist))
+                             size, pose, twist if moves else np.zeros(6)))
     return result
 
 
@@ -75,60 +79,71 @@ def source_of(topic: str) -> str:
     return topic.strip('/').removesuffix('/body')
 
 
-def is_of_arm(volume: Volume) -> bool:
-    """Whether a volume is a part of another arm."""
-    return volume.name.startswith(_PREFIX)
-
-
 class BodyTopics:
-    """Publishes the body of an arm, and keeps the arm away from those of others."""
+    """
+    Publishes the body of an arm, and keeps the arm away from those of others.
+
+    :ivar names: of the parts of other arms in the scene
+    """
 
     def __init__(self, node: ManagedNode, topics: SceneTopics,
                  place_of: Callable[[Any], np.ndarray | None], parameters: Any,
-                 own: Callable[[], list[Volume]], refuse: Callable[[str], None]):
+                 own: Callable[[], list[Volume] | None], refuse: Callable[[str], None]):
         """
         Subscribe.
 
         :param topics: has the bodies of the others, too
         :param place_of: see `SceneTopics`, as ``refuse``
         :param parameters: with `SPECS`
-        :param own: gives the body of this arm now
+        :param own: gives the body of this arm now; None: nothing is published
         """
         self._node, self._topics, self._place_of = node, topics, place_of
         self._own, self._frame = own, parameters.frame_id
         self._allowed = tuple(filter(None, parameters.other_arms_allowed))
+        self.names, self._refuse = set[str](), refuse
+        # When the frame of a body was found to be unknown [s].
+        self._unknown: dict[str, float] = {}
         self._out = node.add_publisher(SceneMessage, '~/body', 1)
-
-        def refused(topic: str, reason: str) -> None:
-            refuse(f'{topic}: {reason}')
         for topic in filter(None, parameters.other_arms):
-            waiting = Waiting(lambda: node.clock.now() / NS, partial(refused, topic))
-            node.add_subscription(SceneMessage, topic, partial(
-                self._on_body, waiting, source_of(topic)), 1)
+            node.add_subscription(SceneMessage, topic, partial(self._on_body, topic), 1)
 
     def publish(self, clock: Clock) -> Loop:
         """Publish the body, if somebody wants it."""
         def step(deadline_ns: int, now_ns: int) -> None:
-            if self._out.subscribers() > 0:
-                self._out.publish(scene_message(Scene(self._own()), self._frame,
-                                                self._node.stamp()))
+            try:
+                own = self._own() if self._out.subscribers() > 0 else None
+                if own is not None:
+                    self._out.publish(scene_message(Scene(own), self._frame, self._node.stamp()))
+            except GdmpError as error:  # others stop hearing of it: the arm itself goes on
+                self._refuse(f'~/body: {error}')
         return periodic(step, round(NS / RATE_HZ), clock)
 
-    def _on_body(self, waiting: Waiting, source: str, message: SceneMessage) -> None:
-        """Take the newest body; one whose frame is not known yet waits for it."""
-        waiting.clear()
-        waiting.add(lambda came: self._take(source, message))
+    def _on_body(self, topic: str, message: SceneMessage) -> None:
+        """Take a body, or refuse it; a frame has some time to become known."""
+        now = self._node.clock.now() / NS
+        try:
+            self._take(source_of(topic), message)
+        except FrameError as error:
+            if now - self._unknown.setdefault(topic, now) > PATIENCE_S:
+                self._refuse(f'{topic}: {error}')
+        except GdmpError as error:
+            self._refuse(f'{topic}: {error}')
+        else:
+            self._unknown.pop(topic, None)
 
     def _take(self, source: str, message: SceneMessage) -> None:
         """:raises GdmpError: if it is refused, or its frame is not known yet"""
-        place, volumes = self._place_of(message.header), []
+        # Where the other base is now: the stamp may be newer than the last transform.
+        place, volumes = self._place_of(Header(frame_id=message.header.frame_id)), []
         for volume in scene_of(message).around:
             pose, twist = volume.pose, volume.twist.copy()
             if place is not None:
                 pose = compose(place, pose)
                 for part in (slice(0, 3), slice(3, 6)):
                     rotate(place[3:], volume.twist[part], twist[part])
-            meets = volume.name.partition('#')[0] in (*self._allowed, CARRIED)
-            volumes.append(replace(volume, name=f'{_PREFIX}{source} {volume.name}', pose=pose,
-                                   twist=twist, allowed=self._allowed if meets else ()))
+            meets = self._allowed and volume.name.partition('#')[0] in (*self._allowed, CARRIED)
+            volumes.append(replace(volume, name=f'arm {source} {volume.name}', pose=pose,
+                                   twist=twist,
+                                   allowed=(*self._allowed, CARRIED) if meets else ()))
+        self.names.update(volume.name for volume in volumes)
         self._topics.beside(source, volumes)
