@@ -165,10 +165,11 @@ class ImpedanceController:
 
         See `gdmp_ros.control.own_body.placed`; what is not carried has the radius 0.
         """
-        arm = self.memory
-        present, now = self._body._replace(capsules=arm.capsules.copy()), arm.position.copy()
-        return [placed(self._chain, present, position)
-                for position in (now, now + step * arm.velocity)]
+        now = self.memory.position.copy()
+        # Another thread may change what is carried.
+        body = self._body._replace(capsules=self._body.capsules.copy())
+        return [placed(self._chain, body, position)
+                for position in (now, now + step * self.memory.velocity)]
 
     @property
     def links(self) -> tuple[str, ...]:

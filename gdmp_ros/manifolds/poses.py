@@ -45,6 +45,26 @@ def moved_on(pose: np.ndarray, twist: np.ndarray, time: float) -> np.ndarray:
     return result
 
 
+def turned(pose: np.ndarray, twist: np.ndarray) -> np.ndarray:
+    """
+    A twist in the frame in which ``pose`` is given, of one that is given at ``pose``.
+
+    :param twist: linear and angular velocity [m/s, rad/s]; the pose itself rests
+    """
+    result = np.empty(6)
+    rotate(pose[3:], twist[:3], result[:3])
+    rotate(pose[3:], twist[3:], result[3:])
+    return result
+
+
+def turn_of_z(way: np.ndarray) -> np.ndarray:
+    """Quaternion that turns z to a direction of length 1; to -z half a turn around x."""
+    if way[2] < -1.0 + 1e-9:
+        return np.array([0.0, 1.0, 0.0, 0.0])
+    turn = np.array([1.0 + way[2], -way[1], way[0], 0.0])
+    return np.asarray(turn / np.linalg.norm(turn))
+
+
 def tool_manifold(stiffness_size: int | None, wrench: bool = False) -> Product:
     """R³ × S³, with SPD(3) or SPD(6) if there is a stiffness, and R⁶ if there is a wrench."""
     factors: dict[str, Manifold] = {'position': Euclidean(3), 'orientation': UnitQuaternion()}

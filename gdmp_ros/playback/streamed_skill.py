@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from gdmp_ros.dmp.changes import related
+from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.options import Options
 from gdmp_ros.dmp.rollout import Rollout
 from gdmp_ros.dmp.skill import Skill
@@ -39,8 +40,8 @@ class Kind(Enum):
     TWO_TOOLS = 'two tools'
 
 
-def is_of_joints(skill: Skill) -> bool:
-    """Whether a skill is one of the joints: R^n with the factor ``joints``."""
+def is_of_joints(skill: Skill | Demonstration) -> bool:
+    """Whether a skill or a take is one of the joints: R^n with the factor ``joints``."""
     return skill.manifold.names == ('joints',) and isinstance(skill.manifold.factors[0], Euclidean)
 
 

@@ -14,8 +14,8 @@ from tf2_msgs.msg import TFMessage
 
 from gdmp_ros.data.bags import ns_of
 from gdmp_ros.errors import GdmpError
-from gdmp_ros.manifolds.poses import compose, IDENTITY, inverse
-from gdmp_ros.manifolds.quaternion import rotate, UnitQuaternion
+from gdmp_ros.manifolds.poses import compose, IDENTITY, inverse, turned
+from gdmp_ros.manifolds.quaternion import UnitQuaternion
 from gdmp_ros.ros.lifecycle import ManagedNode
 from gdmp_ros.ros.messages import checked_numbers, stamped_transform, transform_numbers
 from gdmp_ros.ros.middleware import deserialized
@@ -322,13 +322,10 @@ class BaseFrame:
 
         :param twist: in its frame [m/s, rad/s]; that frame itself is taken to rest
         """
-        numbers, turned = checked_numbers(message.pose), twist.copy()
-        place = self.place_of(message.header)
+        numbers, place = checked_numbers(message.pose), self.place_of(message.header)
         if place is None:
-            return numbers, turned
-        rotate(place[3:], twist[:3], turned[:3])
-        rotate(place[3:], twist[3:], turned[3:])
-        return compose(place, numbers), turned
+            return numbers, twist.copy()
+        return compose(place, numbers), turned(place, twist)
 
     def place_of(self, header: Any) -> np.ndarray | None:
         """

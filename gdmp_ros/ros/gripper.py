@@ -40,9 +40,11 @@ def command_of(message: Any) -> GripperCommand:
     return GripperCommand(message.width, message.force, message.speed or DEFAULT_SPEED)
 
 
-def command_message(command: GripperCommand) -> CommandMessage:
+def command_message(command: GripperCommand, stamp: Any) -> CommandMessage:
     """Message of a command."""
-    return CommandMessage(width=command.width, force=command.force, speed=command.speed)
+    message = CommandMessage(width=command.width, force=command.force, speed=command.speed)
+    message.header.stamp = stamp
+    return message
 
 
 def state_of(message: StateMessage) -> GripperState:

@@ -76,7 +76,7 @@ class ShownMotion:
 
     def thinned(self, count: int) -> ShownMotion:
         """At most ``count`` samples of it."""
-        kept = np.unique(np.linspace(0, len(self.times) - 1, count).round().astype(int))
+        kept = _kept(len(self.times), count)
         parts: dict[str, Any] = {name: None if part is None else part[kept] for name, part in (
             ('stiffness', self.stiffness), ('joints', self.joints), ('width', self.width),
             ('error', self.error), ('wrench', self.wrench))}
@@ -133,6 +133,11 @@ class Curve(NamedTuple):
     values: np.ndarray
 
 
+def _kept(samples: int, count: int) -> np.ndarray:
+    """Numbers of at most ``count`` samples of so many, evenly spread."""
+    return np.unique(np.linspace(0, samples - 1, count).round().astype(int))
+
+
 def _at_samples(between: np.ndarray) -> np.ndarray:
     """Values at the samples, from those between them."""
     before, after = np.vstack([between[:1], between]), np.vstack([between, between[-1:]])
@@ -176,9 +181,9 @@ def of_skill(skill: Skill, pose_at: PoseAt | None = None) -> ShownMotion:
 def of_demonstration(demo: Demonstration, pose_at: PoseAt) -> ShownMotion:
     """A demonstrated motion of a tool, or of the joints of an arm."""
     times = demo.times - demo.times[0]
-    if demo.manifold.names != ('joints',):
+    if not is_of_joints(demo):
         return _of_points(times, demo.points, demo.manifold).thinned(SAMPLES)
-    kept = np.unique(np.linspace(0, len(times) - 1, SAMPLES).round().astype(int))
+    kept = _kept(len(times), SAMPLES)
     joints = demo.points.reshape(len(times), -1)[kept]
     return ShownMotion(times[kept], np.array([pose_at(row) for row in joints]), joints=joints)
 

@@ -198,9 +198,8 @@ class NodesRobot:
     def grip(self, command: GripperCommand) -> None:
         if self._width is None:
             raise ParameterError('the arm has no gripper')
-        message = command_message(command)
-        message.header.stamp = messages.stamp_of(self._client.clock.wall())
-        self._gripper_out.publish(message)  # the recorder listens too
+        stamp = messages.stamp_of(self._client.clock.wall())
+        self._gripper_out.publish(command_message(command, stamp))  # the recorder listens too
 
     def record(self, folder: Path) -> None:
         if self._recorder is None:

@@ -87,7 +87,7 @@ class TimePanel:
             return
         finite = curve.values[np.isfinite(curve.values)]
         ends = (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 1.0)
-        # The line: two points at one time, in a column of its own.
+        # A vertical line is two points at one time, of a series of its own.
         now = 0.01 * self._slider.value * motion.duration
         at = int(np.searchsorted(motion.times, now))
         times = np.insert(motion.times, [at, at], now)

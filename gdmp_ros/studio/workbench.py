@@ -47,7 +47,7 @@ class Take:
     @property
     def of_joints(self) -> bool:
         """Whether it has positions of joints only."""
-        return self.recording.demonstration.manifold.names == ('joints',)
+        return is_of_joints(self.recording.demonstration)
 
 
 class Workbench:

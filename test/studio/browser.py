@@ -104,14 +104,17 @@ class Page:
 
     def wait(self, what, until, timeout=60.0):
         """Wait until a condition of the page's text holds; returns what it returned."""
+        return self.wait_for(what, lambda: until(self.text()), timeout)
+
+    def wait_for(self, what, until, timeout=60.0):
+        """Wait until a condition holds; returns what it returned."""
         ends = time.monotonic() + timeout
         while True:
             self.step()
-            text = self.text()
-            found = until(text)
+            found = until()
             if found is not None and found is not False:
                 return found
-            assert time.monotonic() < ends, f'{what}:\n{text}'
+            assert time.monotonic() < ends, f'{what}:\n{self.text()}'
             time.sleep(0.1)
 
     def tab(self, name):

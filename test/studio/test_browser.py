@@ -3,7 +3,6 @@ from io import BytesIO
 import re
 import signal
 import socket
-import time
 
 import numpy as np
 from PIL import Image
@@ -86,15 +85,12 @@ def test_another_browser_changes_the_same_skill_and_goes(page, browser, studio, 
 def test_curves_are_drawn(page):
     page.page.get_by_text('curves', exact=True).first.click()
     page.step(10)
-    for _ in range(100):
+
+    def drawn():
         picture = np.asarray(Image.open(BytesIO(
             page.page.locator('.uplot').first.screenshot())).convert('RGB'), int)
-        drawn = [int((np.abs(picture - colour(k)).max(axis=2) < 40).sum()) for k in range(3)]
-        if min(drawn) > 40:
-            break
-        page.step()
-        time.sleep(0.1)
-    assert min(drawn) > 40
+        return all((np.abs(picture - colour(k)).max(axis=2) < 40).sum() > 40 for k in range(3))
+    page.wait_for('three curves', drawn)
 
 
 def asked(address, *headers):

@@ -63,6 +63,7 @@ class ArmNode(ManagedNode):
     commands: ArmCommands
     _loop: RunningLoop | None = None
     _beside: list[RunningLoop]
+    _bodies: BodyTopics
 
     def __init__(self, backend: ArmBackend) -> None:
         """:param backend: a new one"""
@@ -76,7 +77,6 @@ class ArmNode(ManagedNode):
         self._twins = self._reason = ''
         self._beside = []
         self._told: tuple[Any, ...] | None = None
-        self._bodies: BodyTopics | None = None
         self._diagnosis = DiagnosticStatus.OK, ''
         self.lateness = LatenessRecorder(1_000_000)
 
@@ -135,7 +135,7 @@ class ArmNode(ManagedNode):
             return {name: compose(there, pose)
                     for name, pose in tool_frames(arm, p.frame_id).items()}
         self._scene_out = self.add_publisher(SceneMessage, '~/surroundings', 1, late=True)
-        self._told = self._bodies = None
+        self._told, self._others = None, set[str]()
         topics = SceneTopics(self, frames.place_of, p, self._surround, self._refuse, in_tool)
         PlanningObjects(topics, frames.place_of, in_tool,
                         lambda: self.control.controller.memory.pose.copy(),
@@ -146,7 +146,8 @@ class ArmNode(ManagedNode):
         CloudTopic(self, topics, frames.place_of, p, self._own_capsules, self._hold_back,
                    self._refuse)
         self._check_allowed()
-        self._bodies = BodyTopics(self, topics, frames.place_of, p, self._body, self._refuse)
+        self._bodies = BodyTopics(self, topics, frames.place_of, p, self._body, self._others,
+                                  self._refuse)
 
     def _check_allowed(self) -> None:
         """:raises ParameterError: if a link that may touch other arms is not one of this arm"""
@@ -187,8 +188,7 @@ class ArmNode(ManagedNode):
         self.active = True
         priority = self.backend.priority()
         self._beside = [self.clock.start(loop, priority_beside(priority)) for loop in (
-            self.state_out.show(self.clock),
-            *([] if self._bodies is None else [self._bodies.publish(self.clock)]),
+            self.state_out.show(self.clock), self._bodies.publish(self.clock),
             *self.backend.beside())]
         running = self._loop = self.clock.start(self._cycles(), priority)
         topic = self.resolve_topic_name(self.parameters.reference_topic)
@@ -297,8 +297,8 @@ class ArmNode(ManagedNode):
 
     def _tell(self, scene: Scene) -> None:
         """Tell what is around the arm, but for other arms: a motion is not led around these."""
-        others = self._bodies.names if self._bodies is not None else ()
-        told = Scene([volume for volume in scene if volume.name not in others], scene.margin)
+        told = Scene([volume for volume in scene if volume.name not in self._others],
+                     scene.margin)
         key = told.margin, *((
             volume.name, volume.kind, volume.size, volume.pose.tobytes(), volume.twist.tobytes(),
             volume.margin, volume.allowed, volume.carried) for volume in told)

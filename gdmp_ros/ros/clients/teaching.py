@@ -167,9 +167,7 @@ class Teacher(Client):
         # The recorder listens too.
         if self._gripper.subscribers() < 2:
             raise GdmpError('the arm has no gripper: gdmp record --gripper')
-        message = command_message(command)
-        message.header.stamp = messages.stamp_of(self.clock.wall())
-        self._gripper.publish(message)
+        self._gripper.publish(command_message(command, messages.stamp_of(self.clock.wall())))
         return 'the gripper closes' if command.force else 'the gripper opens'
 
     def take(self, demo: Demonstration,

@@ -12,8 +12,7 @@ from std_msgs.msg import Header
 
 from gdmp_ros.control.controller import ImpedanceController
 from gdmp_ros.errors import GdmpError
-from gdmp_ros.manifolds.poses import compose
-from gdmp_ros.manifolds.quaternion import rotate
+from gdmp_ros.manifolds.poses import compose, turn_of_z, turned
 from gdmp_ros.realtime.loop import Clock, Loop, NS, periodic
 from gdmp_ros.ros.frames import FrameError, PATIENCE_S
 from gdmp_ros.ros.lifecycle import ManagedNode
@@ -29,7 +28,6 @@ RATE_HZ = 20.0
 STEP_S = 1e-3
 #: Shortest axis of a capsule; a shorter one is a sphere [m].
 _SHORTEST = 1e-3
-_UP = np.array([0.0, 0.0, 1.0])
 SPECS = (
     Spec('other_arms', [''], 'topics ~/body of other arms, from which this arm keeps away',
          changes='configure'),
@@ -58,20 +56,12 @@ def body_volumes(controller: ImpedanceController, moves: bool = True) -> list[Vo
         twist[:3] = 0.5 * (moved_first + moved_last)
         size: tuple[float, ...] = (float(now[6]),)
         if length > _SHORTEST:
-            pose[3:] = _turn_to(axis / length)
+            pose[3:] = turn_of_z(axis / length)
             twist[3:] = np.cross(axis, moved_last - moved_first) / length ** 2
             size += (length,)
         result.append(Volume(f'{link}#{number}', 'capsule' if length > _SHORTEST else 'sphere',
                              size, pose, twist if moves else np.zeros(6)))
     return result
-
-
-def _turn_to(axis: np.ndarray) -> np.ndarray:
-    """Quaternion that turns z to an axis of length 1."""
-    turn = np.concatenate([[1.0 + axis[2]], np.cross(_UP, axis)])
-    if turn[0] < 1e-9:
-        return np.array([0.0, 1.0, 0.0, 0.0])
-    return np.asarray(turn / np.linalg.norm(turn))
 
 
 def source_of(topic: str) -> str:
@@ -80,15 +70,12 @@ def source_of(topic: str) -> str:
 
 
 class BodyTopics:
-    """
-    Publishes the body of an arm, and keeps the arm away from those of others.
-
-    :ivar names: of the parts of other arms in the scene
-    """
+    """Publishes the body of an arm, and keeps the arm away from those of others."""
 
     def __init__(self, node: ManagedNode, topics: SceneTopics,
                  place_of: Callable[[Any], np.ndarray | None], parameters: Any,
-                 own: Callable[[], list[Volume] | None], refuse: Callable[[str], None]):
+                 own: Callable[[], list[Volume] | None], names: set[str],
+                 refuse: Callable[[str], None]):
         """
         Subscribe.
 
@@ -96,11 +83,12 @@ class BodyTopics:
         :param place_of: see `SceneTopics`, as ``refuse``
         :param parameters: with `SPECS`
         :param own: gives the body of this arm now; None: nothing is published
+        :param names: gets the names of the parts of other arms in the scene
         """
         self._node, self._topics, self._place_of = node, topics, place_of
         self._own, self._frame = own, parameters.frame_id
         self._allowed = tuple(filter(None, parameters.other_arms_allowed))
-        self.names, self._refuse = set[str](), refuse
+        self._names, self._refuse = names, refuse
         # When the frame of a body was found to be unknown [s].
         self._unknown: dict[str, float] = {}
         self._out = node.add_publisher(SceneMessage, '~/body', 1)
@@ -108,7 +96,7 @@ class BodyTopics:
             node.add_subscription(SceneMessage, topic, partial(self._on_body, topic), 1)
 
     def publish(self, clock: Clock) -> Loop:
-        """Publish the body, if somebody wants it."""
+        """Publish the body, if it has subscribers."""
         def step(deadline_ns: int, now_ns: int) -> None:
             try:
                 own = self._own() if self._out.subscribers() > 0 else None
@@ -136,14 +124,11 @@ class BodyTopics:
         # Where the other base is now: the stamp may be newer than the last transform.
         place, volumes = self._place_of(Header(frame_id=message.header.frame_id)), []
         for volume in scene_of(message).around:
-            pose, twist = volume.pose, volume.twist.copy()
-            if place is not None:
-                pose = compose(place, pose)
-                for part in (slice(0, 3), slice(3, 6)):
-                    rotate(place[3:], volume.twist[part], twist[part])
+            pose, twist = (volume.pose, volume.twist) if place is None else (
+                compose(place, volume.pose), turned(place, volume.twist))
             meets = self._allowed and volume.name.partition('#')[0] in (*self._allowed, CARRIED)
             volumes.append(replace(volume, name=f'arm {source} {volume.name}', pose=pose,
                                    twist=twist,
                                    allowed=(*self._allowed, CARRIED) if meets else ()))
-        self.names.update(volume.name for volume in volumes)
+        self._names.update(volume.name for volume in volumes)
         self._topics.beside(source, volumes)

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gdmp_ros.errors import DataError, GdmpError
-from gdmp_ros.manifolds.poses import compose, inverse
+from gdmp_ros.manifolds.poses import compose, inverse, turn_of_z
 from gdmp_ros.ros.frames import Waiting
 from gdmp_ros.ros.lifecycle import ManagedNode
 from gdmp_ros.ros.scene.messages import numbers_of
@@ -214,8 +214,5 @@ def _plane(name: str, coefficients: Any, pose: np.ndarray) -> Volume:
     if not length > 0.0:
         raise DataError(f'object {name!r}: a plane without a normal')
     way = normal / length
-    # The turn from z to the normal; from z to -z half a turn around x.
-    turn = (np.array([0.0, 1.0, 0.0, 0.0]) if way[2] < -1.0 + 1e-9
-            else np.array([1.0 + way[2], -way[1], way[0], 0.0]))
-    place = np.concatenate([-offset / length * way, turn / np.linalg.norm(turn)])
+    place = np.concatenate([-offset / length * way, turn_of_z(way)])
     return Volume(name, 'plane', (), compose(pose, place))

@@ -167,9 +167,7 @@ class GripperTopics:
 
     def send(self, command: GripperCommand) -> None:
         """Let the gripper begin a command."""
-        message = command_message(command)
-        message.header.stamp = self._node.stamp()
-        self._commands.publish(message)
+        self._commands.publish(command_message(command, self._node.stamp()))
 
     def state(self) -> GripperState | None:
         """The newest state; None if nothing is known of the gripper."""
