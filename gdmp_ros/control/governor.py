@@ -133,7 +133,7 @@ def share_of_way(numbers, rates):
     """
     noinline()
     arm = arm_view(numbers)
-    n, share = rates.size, 1.0
+    n = rates.size
     limits = records_at(arm.limits, 0, 1, LIMIT_NUMBERS)[0]
     rows = local_matrix(MOST_ROWS, n)
     bounds, ids = local_numbers(MOST_ROWS), local_numbers(MOST_ROWS)
@@ -141,13 +141,7 @@ def share_of_way(numbers, rates):
     count, _, arm.scalars.clearance, arm.scalars.nearest = surroundings_rows(
         arm.frames, arm.axes, arm.position, arm.capsules, arm.volumes, -NEARER_M,
         0.5 * limits.acceleration, limits.speed, 0.0, 0, rows, bounds, ids, 0)
-    for i in range(count):
-        speed = 0.0
-        for k in range(n):
-            speed += rows[i, k] * rates[k]
-        if speed > bounds[i]:
-            share = min(share, max(bounds[i], 0.0) / speed)
-    return share
+    return _largest_share(rates, rows[:count], bounds[:count])
 
 
 @kernel
@@ -361,15 +355,22 @@ def _slow_down(last, rows, bounds, rates):
 
     Where one asks to go away from something, and another is in the way, it stands.
     """
+    share = _largest_share(last, rows, bounds)
+    for k in range(last.size):
+        rates[k] = share * last[k]
+
+
+@kernel
+def _largest_share(rates, rows, bounds):
+    """Largest part of velocities that satisfies all rows; 0 where one asks to go away."""
     share = 1.0
     for i in range(bounds.size):
         speed = 0.0
-        for k in range(last.size):
-            speed += rows[i, k] * last[k]
+        for k in range(rates.size):
+            speed += rows[i, k] * rates[k]
         if speed > max(bounds[i], 0.0):
             share = min(share, max(bounds[i], 0.0) / speed)
-    for k in range(last.size):
-        rates[k] = share * last[k]
+    return share
 
 
 @kernel
