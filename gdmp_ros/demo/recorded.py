@@ -21,9 +21,14 @@ _TF, _GRIPPER, _SCENE, _SERVER = (
     'gdmp_msgs/msg/ServerState')
 
 
-def topics_beside(node: str) -> list[str]:
-    """What is recorded too, as `gdmp_ros.ros.recorder.record` takes it."""
-    return [f'/tf={_TF}', f'/gripper/state={_GRIPPER}', f'/{node}/surroundings={_SCENE}']
+#: What is recorded too, as arguments of `gdmp_ros.ros.recorder.record`.
+TRANSFORMS, GRIPPER = f'/tf={_TF}', f'/gripper/state={_GRIPPER}'
+
+
+def surroundings(node: str) -> list[str]:
+    """What an arm keeps away from, as `TRANSFORMS`; it is published when it changes."""
+    topic = f'/{node}/surroundings'
+    return ['--lasting', topic, f'{topic}={_SCENE}']
 
 
 class RecordedWorld:

@@ -20,7 +20,7 @@ from gdmp_ros.data.runs import limit_figures, Run
 from gdmp_ros.data.skills import LearningSettings, skill_from_bags
 from gdmp_ros.demo import clutter
 from gdmp_ros.demo.objects import Camera, follow_objects, home_pose, motion, PLACES
-from gdmp_ros.demo.recorded import topics_beside
+from gdmp_ros.demo.recorded import GRIPPER, surroundings, TRANSFORMS
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.manifolds.poses import tool_manifold
@@ -139,7 +139,7 @@ def _teach(bed: NodeTestbed, task: str, arm: ArmChoice) -> None:
     bed.children.start_node(TAKE_RECORDER, MODULES[TAKE_RECORDER], {
         'folder': str(bed.folder / 'takes'),
         'also': (['/joint_states=sensor_msgs/msg/JointState'] if task == 'joints' else
-                 [f'/{ARM}/state=gdmp_msgs/msg/RobotState', *topics_beside(ARM)[:2]]
+                 [f'/{ARM}/state=gdmp_msgs/msg/RobotState', TRANSFORMS, GRIPPER]
                  if task == 'clutter' else ['']),
         'transforms': task == 'objects'})
     teacher, home = Teacher(arm.frame, check=bed.check), home_pose(arm.model)
@@ -171,7 +171,7 @@ def _world(task: str) -> dict[str, Any]:
 def _among_objects(bed: NodeTestbed) -> dict[str, Any]:
     _start(bed, 'objects', moving_objects=['hole'])
     # The camera does not repeat what is lost.
-    bed.record(arguments=[*topics_beside(bed.arm.node)[:1], '--best-effort', '/tf'])
+    bed.record(arguments=[TRANSFORMS, '--best-effort', '/tf'])
 
     def home() -> None:
         move_joints(bed.client, bed.arm.node)
@@ -194,7 +194,8 @@ def _start(bed: NodeTestbed, task: str, **server: Any) -> None:
 
 def _among_clutter(bed: NodeTestbed) -> dict[str, Any]:
     return clutter.execute(bed, lambda among: _pick(
-        bed, 'clutter', lambda: bed.record(arguments=topics_beside(bed.arm.node)), among.push))
+        bed, 'clutter', lambda: bed.record(arguments=[
+            TRANSFORMS, GRIPPER, *surroundings(bed.arm.node)]), among.push))
 
 
 def _pick(bed: NodeTestbed, task: str = 'pick', begin: Callable[[], None] = lambda: None,

@@ -1,6 +1,5 @@
 """What starts and ends nodes in lockstep; its methods are those of `ChildProcesses`."""
 from contextlib import suppress
-from pathlib import Path
 
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.ros.adapter import Adapter
@@ -9,7 +8,7 @@ from gdmp_ros.ros.arm.servo_sim import ServoSim
 from gdmp_ros.ros.dds import using
 from gdmp_ros.ros.lifecycle import REPORT_S
 from gdmp_ros.ros.recorder.node import TakeRecorder
-from gdmp_ros.ros.recorder.record import Recording
+from gdmp_ros.ros.recorder.record import options_of, Recording
 from gdmp_ros.ros.server.node import TrajectoryServer
 from gdmp_ros.ros.visualizer.node import Visualizer
 from gdmp_ros.util.processes import ros_arguments
@@ -77,15 +76,10 @@ class RecordingChild:
     """The recorder of runs."""
 
     def __init__(self, network, arguments, log):
-        bag, *topics = arguments
-        best_effort = []
-        while '--best-effort' in topics:
-            at = topics.index('--best-effort')
-            best_effort.append(topics[at + 1])
-            del topics[at:at + 2]
+        options = options_of(arguments)
         participant = network.client('recorder')
-        recording = Recording(participant, Path(bag),
-                              dict(pair.split('=', 1) for pair in topics), best_effort)
+        recording = Recording(participant, options.bag, options.topics, options.best_effort,
+                              options.lasting)
         self._participant = participant
         self._running = participant.clock.start(recording.record(log.lines.append))
 

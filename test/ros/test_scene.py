@@ -13,6 +13,7 @@ from experiments.obstacles import line
 from gdmp_ros import DataError, GdmpError
 from gdmp_ros.control.own_body import placed
 from gdmp_ros.control.surroundings import depths
+from gdmp_ros.demo.recorded import RecordedWorld, surroundings
 from gdmp_ros.ros.clients.arm_client import move_joints
 from gdmp_ros.ros.clients.testbed import ARM, SERVER
 from gdmp_ros.ros.messages import stamp_of, stamped_transform
@@ -266,7 +267,7 @@ def test_a_motion_is_led_around_what_is_in_its_way_or_refused(running, around, s
     ball = Volume('ball', 'sphere', (0.03,), np.array([*middle, 1.0, 0.0, 0.0, 0.0]))
     around(marker(Marker.SPHERE, middle, (0.06, 0.06, 0.06), 'ball'))
     running.listen()
-    running.record()
+    running.record(arguments=surroundings(ARM))  # they were published before
     running.client.execute()
     result = running.client.result(60.0)
     assert result.error_code == ExecuteSkill.Result.SUCCESSFUL, result.error_string
@@ -274,6 +275,8 @@ def test_a_motion_is_led_around_what_is_in_its_way_or_refused(running, around, s
     run = running.recorded()
     nearest = max(depths(arm.chain, arm.shape, one, rows).max() for one in run.joints[::20])
     assert nearest < 0.0
+    shown = RecordedWorld(running.folder / 'run')
+    assert shown.places(int(shown.state_stamps[0]))['ball'][:3] == pytest.approx(middle)
     # The tool stands where something is put: there is no way out.
     around(marker(Marker.SPHERE, skill.goal[:3], (0.06, 0.06, 0.06), 'cork'))
     running.client.execute()

@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import partial
 from importlib import import_module
 import os
@@ -85,12 +85,14 @@ class Tap:
         :param best_effort: topics whose publishers are not reliable
         :param rare: topics with a message now and then: nothing waits for them
         :param lasting: topics whose messages hold until there is another one (transient local):
-            what came before is written by `repeat`
+            what came before the first `begin` is written as of the subscription, and what came
+            before a later one by `repeat`
         """
         self._lasting: dict[bytes, tuple[str, str]] = {}
         self._participant = participant
         self._inputs = []
         self._expected = frozenset(topics) - frozenset(rare)
+        self._since = participant.clock.wall()
         self.waiting = set(self._expected)
         for topic, kind in topics.items():
             quality = latched(HISTORY) if topic in lasting else reliable(HISTORY)
@@ -115,7 +117,8 @@ class Tap:
                 if lasts:
                     self._lasting[received.data] = topic, kind
                 if writer is not None:
-                    writer.raw(topic, kind, received.published, received.data, text, digest)
+                    published = max(received.published, self._since if lasts else 0)
+                    writer.raw(topic, kind, published, received.data, text, digest)
         return count
 
     def repeat(self, writer: Sink, time_ns: int) -> None:
@@ -137,17 +140,20 @@ class Recording:
     """
 
     def __init__(self, participant: Participant, bag: Path, topics: Mapping[str, str],
-                 best_effort: Collection[str] = (), keep_free: float = KEEP_FREE_MB):
+                 best_effort: Collection[str] = (), lasting: Collection[str] = (),
+                 keep_free: float = KEEP_FREE_MB):
         """
         Subscribe.
 
         :param topics: topic names and their types (``package/msg/Name``)
+        :param best_effort: see `Tap`
+        :param lasting: see `Tap`
         :param keep_free: free space at which the recording ends [MB]
         """
         self.full = False
         self._clock, self._keep_free = participant.clock, keep_free
         self._topics, self._writer = topics, BagWriter(bag)
-        self._tap = Tap(participant, topics, best_effort)
+        self._tap = Tap(participant, topics, best_effort, lasting=lasting)
 
     def record(self, say: Callable[[str], None]) -> Loop:
         """
@@ -176,8 +182,8 @@ class Recording:
         tap.release()
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Record until SIGTERM or SIGINT; the bag gets its name when it is complete."""
+def options_of(arguments: Sequence[str] | None = None) -> argparse.Namespace:
+    """What the command line says; ``topics`` has the type by topic."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('bag', type=Path)
     parser.add_argument('--keep-free', type=float, default=KEEP_FREE_MB, metavar='MB',
@@ -185,14 +191,23 @@ def main(arguments: list[str] | None = None) -> int:
                              '(default %(default)g)')
     parser.add_argument('--best-effort', action='append', default=[], metavar='TOPIC',
                         help='a topic whose publisher is not reliable')
+    parser.add_argument('--lasting', action='append', default=[], metavar='TOPIC',
+                        help='a topic whose publisher keeps its last message for those who come '
+                             'later')
     parser.add_argument('topics', nargs='+', metavar='TOPIC=TYPE')
-    options = parser.parse_args(arguments)
-    topics = dict(pair.split('=', 1) for pair in options.topics)
+    options = parser.parse_intermixed_args(arguments)
+    options.topics = dict(pair.split('=', 1) for pair in options.topics)
+    return options
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Record until SIGTERM or SIGINT; the bag gets its name when it is complete."""
+    options = options_of(arguments)
     os.environ.update(default_environment())
     participant, ended = current().client('recorder'), stop_event()
     try:
-        recording = Recording(participant, options.bag, topics, options.best_effort,
-                              options.keep_free)
+        recording = Recording(participant, options.bag, options.topics, options.best_effort,
+                              options.lasting, options.keep_free)
         run(recording.record(partial(print, flush=True)), participant.clock, ended.is_set)
         if recording.full:
             raise DataError(f'{options.bag}: the disk is nearly full (less than '
