@@ -146,6 +146,8 @@ class Player:
         self._speed, self._waits = 1.0, False
         self._own_speed: float | None = None
         self._cycles: float | None = None
+        # What motions bend around, and the distance that they keep beyond its margins [m].
+        self._around = Scene(), 0.0
         # Whether the reference has a wrench that no motion asks for any more.
         self._releases = False
         self.numbers = np.empty(0)
@@ -345,8 +347,12 @@ class Player:
         self._ask(Request.GOAL, self._retarget, Goal(stiffness=factor))
 
     def avoid(self, scene: Scene, keep: float) -> None:
-        """Bend around volumes (`Rollout.set_obstacles`); those of earlier calls are forgotten."""
-        self._ask(Request.GOAL, self._avoid, scene, keep)
+        """
+        Bend this motion and the next ones around volumes (`Rollout.set_obstacles`).
+
+        :param scene: instead of that of the call before
+        """
+        self._ask(Request.SPEED, self._avoid, scene, keep)
 
     def move_frame(self, name: str, pose: np.ndarray, at: float, twist: np.ndarray | None = None
                    ) -> None:
@@ -621,6 +627,7 @@ class Player:
         self._goal_waited = 0.0
         self.goal_switched = False
         self.numbers = np.empty(rollout.state_size)
+        self._bend()
         try:
             self._ask_of_begun(pending)
         except GdmpError as error:
@@ -701,7 +708,12 @@ class Player:
                                twist / self._passing)
 
     def _avoid(self, scene: Scene, keep: float) -> None:
-        rollout = self.rollout
+        self._around = scene, keep
+        self._bend()
+
+    def _bend(self) -> None:
+        """Tell the present motion what it bends around; one with task frames cannot."""
+        rollout, (scene, keep) = self.rollout, self._around
         if rollout is not None and rollout.motion.sizes.position > 0 and not rollout.skill.views:
             rollout.set_obstacles(scene, keep=keep)
 

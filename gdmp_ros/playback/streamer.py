@@ -33,7 +33,7 @@ from gdmp_ros.playback.sequence_runner import OTHER_MOTION, SequenceRunner
 from gdmp_ros.playback.settings import PlayerSettings, StreamSettings
 from gdmp_ros.playback.states import Request, State, Status
 from gdmp_ros.playback.streamed_skill import Kind, StreamedSkill
-from gdmp_ros.playback.surroundings import Surroundings
+from gdmp_ros.playback.surroundings import Led, Surroundings
 from gdmp_ros.realtime.loop import NS, RunningLoop
 from gdmp_ros.realtime.statistics import LatenessRecorder
 from gdmp_ros.scene.scene import Scene
@@ -223,11 +223,12 @@ class Streamer:
         if goal_pose is not None:
             goal = self._goals.place_for(tool, goal_pose, goal)
         self._goals.check_reach(tool, goal)
+        led = Led(tool.skill)
         if tool.kind is Kind.TOOL and goal_after <= 0.0 and not followed:
             led = self.surroundings.led(tool.skill, tool.start_at(measured), tool.changed(
                 tool.skill.goal, None if goal_pose is None else goal, factor))
-            if led is not tool.skill:
-                player.load(led)
+            if led.motion is not tool.skill:
+                player.load(led.motion)
                 self._led, tool, goal_pose, factor = True, player.tool, None, None
         later = None
         if goal_pose is not None and goal_after > 0.0:
@@ -237,6 +238,7 @@ class Streamer:
         self.robot.begin()
         motion = player.start(measured, None if goal_pose is None else goal, factor, duration,
                               tolerances, cycles)
+        player.avoid(self.surroundings.begin(led), self.surroundings.radius)
         self.objects.begin(followed, motion)
         return motion
 
@@ -248,17 +250,18 @@ class Streamer:
         """
         self.surroundings.scene = scene.copy()
         player = self.player
-        if player is not None and player.state in _EXECUTED:
+        if player is not None and (self.sequence.running
+                                   or player.state not in (State.IDLE, State.RESTING)):
             player.avoid(self.surroundings.moved, self.surroundings.radius)
         self.called()
 
-    def _led_steps(self, sequence: SkillSequence, first: int) -> SkillSequence:
+    def _led_steps(self, sequence: SkillSequence, first: int) -> Led[SkillSequence]:
         """A sequence whose motions, if they are of the tool, are led around the scene."""
         sequence.check_index(first)
         tools = [StreamedSkill(step.skill, self._player_settings)
                  for step in sequence.steps[first:] if isinstance(step, MotionStep)]
         if not tools or any(tool.kind is not Kind.TOOL for tool in tools):
-            return sequence
+            return Led(sequence)
         return self.surroundings.led_steps(sequence, first, self._start_place(tools[0]),
                                            self._player_settings)
 
@@ -271,8 +274,9 @@ class Streamer:
         """
         if not self.active:
             raise ParameterError('the node is not active')
-        sequence = self._led_steps(self.objects.place_steps(sequence, self.time), first)
-        prepared = self.sequence.prepare(sequence, first, self._player_settings, self._goals.check)
+        led = self._led_steps(self.objects.place_steps(sequence, self.time), first)
+        prepared = self.sequence.prepare(led.motion, first, self._player_settings,
+                                         self._goals.check)
         tool = prepared.first_tool
         measured = self._start_place(tool)
         player = self.player or self._play(tool.skill)
@@ -281,6 +285,7 @@ class Streamer:
         self.commands.begin()
         self.robot.begin()
         self.sequence.begin(prepared, measured)
+        player.avoid(self.surroundings.begin(led), self.surroundings.radius)
         if moves and not prepared.moves_first:
             player.end()
         self.called()

@@ -1,7 +1,8 @@
 """What is around the tool of a server: motions are led around it, and bend around what moves."""
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
@@ -25,69 +26,89 @@ _CORNERS = np.stack(np.meshgrid(*3 * [[-1.0, 1.0]]), axis=-1).reshape(-1, 3)
 TOOL_M = 0.15
 
 
+Motion = TypeVar('Motion', Skill, SkillSequence)
+
+
+@dataclass(frozen=True)
+class Led(Generic[Motion]):
+    """
+    A motion with a path around what is in its way.
+
+    :ivar motion: what is executed; the motion itself if nothing is in its way
+    :ivar scene: what it has been led around; None if it cannot be led
+    """
+
+    motion: Motion
+    scene: Scene | None = None
+
+
 class Surroundings:
     """
     The scene of a server.
 
     :ivar scene: present one, in the frame of the motions
     :ivar tool: its shape; None: motions are not led around anything
-    :ivar around: names of the volumes around which the last motion was led
     """
 
     def __init__(self, tool: Tool | None = None):
         self.scene, self.tool = Scene(), tool
-        self.around: tuple[str, ...] = ()
         self._known = Scene()
 
-    def led(self, skill: Skill, start: np.ndarray | None, goal: np.ndarray | None) -> Skill:
+    def led(self, skill: Skill, start: np.ndarray | None, goal: np.ndarray | None) -> Led[Skill]:
         """
-        Return what is executed instead of a skill: with a path around what is in the way.
+        Return what is executed instead of a skill; `begin` follows if it begins.
 
         :param start: where it begins; None for the skill's
         :param goal: the same of its goal
         :raises BlockedError: if there is no way
         """
+        if self.tool is None or not leads_around(skill):
+            return Led(skill)
         scene = self.scene.copy()
-        result, around = self._led(scene, skill, start, goal)
-        # Of a motion that is refused nothing is remembered: another one may go on.
-        self._known, self.around = scene, around
-        return result
-
-    def _led(self, scene: Scene, skill: Skill, start: np.ndarray | None, goal: np.ndarray | None
-             ) -> tuple[Skill, tuple[str, ...]]:
-        """What is executed in a scene, and around what."""
-        if self.tool is None or not len(scene.names) or not leads_around(skill):
-            return skill, ()
-        found = detour(skill, scene, self.tool, start=start, goal=goal)
-        return found.skill, found.around
+        if not len(scene.names):
+            return Led(skill, scene)
+        return Led(detour(skill, scene, self.tool, start=start, goal=goal).skill, scene)
 
     def led_steps(self, sequence: SkillSequence, first: int, place: np.ndarray | None,
-                  settings: PlayerSettings) -> SkillSequence:
+                  settings: PlayerSettings) -> Led[SkillSequence]:
         """
-        The same for the motions of a sequence, with the scene as it is when that begins.
+        The same for the motions of a sequence.
 
         :param first: index of the step that it begins with
         :param place: where that begins; None for the start of the first skill
         """
-        steps, names, scene = list(sequence.steps), list[str](), self.scene.copy()
+        steps, scenes = list(sequence.steps), list[Scene | None]()
         for index, step in enumerate(steps):
             if index < first or not isinstance(step, MotionStep):
                 continue
             skill, tool = step.skill, StreamedSkill(step.skill, settings)
             start = None if place is None else tool.changed(skill.start, place)
-            led, around = self._led(scene, skill, start, step.goal)
-            if led is not skill:
-                longer = led.duration / skill.duration
-                steps[index] = replace(step, skill=led, goal=None, duration=(
+            led = self.led(skill, start, step.goal)
+            scenes.append(led.scene)
+            if led.motion is not skill:
+                longer = led.motion.duration / skill.duration
+                steps[index] = replace(step, skill=led.motion, goal=None, duration=(
                     None if step.duration is None else step.duration * longer))
-            names += around
             place = tool.place_of(skill.goal if step.goal is None else step.goal)
-        self._known, self.around = scene, tuple(dict.fromkeys(names))
-        return SkillSequence(steps, sequence.name)
+        # If one of the motions cannot be led, all of them bend.
+        known = None if None in scenes else self.scene.copy()
+        return Led(SkillSequence(steps, sequence.name), known)
+
+    def begin(self, led: Led[Any]) -> Scene:
+        """
+        Begin a motion.
+
+        :returns: what it bends around, as `moved`
+        """
+        self._known = Scene() if led.scene is None else led.scene
+        return self.moved
 
     @property
     def moved(self) -> Scene:
-        """What has come or moved since the motion began, and the tool may not touch."""
+        """
+        What the motion is not led around, because it has come or moved since or because the motion
+        cannot be led, and the tool may not touch.
+        """
         may = set() if self.tool is None else self.tool.links
         return Scene([volume for volume in self.scene.around
                       if not may.intersection(volume.allowed) and self._is_new(volume)],

@@ -16,6 +16,9 @@ from gdmp_ros.playback.measured_input import MeasuredInput, MeasuredInputs
 from gdmp_ros.playback.settings import PlayerSettings, StreamSettings
 from gdmp_ros.playback.states import Status
 from gdmp_ros.playback.streamer import Streamer
+from gdmp_ros.scene.route import Tool
+from gdmp_ros.scene.scene import Scene
+from gdmp_ros.scene.volume import Volume
 from gdmp_ros.util.profiles import minimum_jerk
 from test.lockstep.clock import SteppedClock
 from test.motions import circles
@@ -329,3 +332,54 @@ def test_tool_and_joints_in_one_sequence_are_refused(stream, skills):
     with pytest.raises(ParameterError, match='cannot be in one sequence'):
         stream.begin_sequence(SkillSequence([MotionStep('tool', skills[0]),
                                         MotionStep('joints', joints)]))
+
+
+def ball(place):
+    return Volume('ball', 'sphere', (0.02,), np.array([*place, 1.0, 0.0, 0.0, 0.0]), margin=0.0)
+
+
+def nearest(targets, place):
+    """Least distance of the references from a place [m]."""
+    return float(np.linalg.norm(targets[:, POSE:POSE + 3] - place, axis=1).min())
+
+
+def test_a_motion_that_cannot_be_led_around_volumes_bends_around_them(stream):
+    skill = Skill.learn_rhythmic(circles(HOME, 0.1, 3.3))
+    stream.use(skill, 'wipe')
+    stream.begin()
+    circle = run(stream, 4000)
+    on_it = circle[-1, POSE:POSE + 3].copy()
+    assert nearest(circle, on_it) < 1e-3
+    stream.stop_motion()
+    run(stream, 2000)
+    stream.surround(Scene([ball(on_it)]))
+    stream.begin()
+    bent = run(stream, 6000)
+    # Without it, the references go through the middle; to keep the distance is up to the arm.
+    assert nearest(bent, on_it) > 0.01
+    # On the other side it is the same circle.
+    beside = circle[np.argmax(np.linalg.norm(circle[:, POSE:POSE + 3] - on_it, axis=1))]
+    assert nearest(bent[3000:], beside[POSE:POSE + 3]) < 2e-3
+
+
+def test_what_has_moved_is_bent_around_by_the_next_motion_of_a_sequence_too(stream, skills):
+    first, second, _ = skills
+    sequence = SkillSequence([MotionStep('there', first), MotionStep('back', second)])
+    stream.begin_sequence(sequence)
+    run(stream, 300)
+    middle = 0.5 * (first.goal[:3] + second.goal[:3])
+    stream.surround(Scene([ball(middle)]))
+    assert nearest(run(stream, 4000), middle) > 0.02
+
+
+def test_a_sequence_that_is_refused_changes_nothing_for_the_motion_that_runs(stream, skills):
+    first, *_ = skills
+    stream.use(first, 'first')
+    stream.surroundings.tool = Tool.ball(0.01)
+    stream.begin()
+    stream.surround(Scene([ball([0.9, 0.5, 0.2])]))
+    stream.hand.known = False
+    close = GripperStep('close', GripperEvent(0.0, 0.02, 0.0, 0.1))
+    with pytest.raises(ParameterError, match='no state of one is known'):
+        stream.begin_sequence(SkillSequence([MotionStep('there', first), close]))
+    assert stream.surroundings.moved.names == ('ball',)

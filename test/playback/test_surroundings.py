@@ -18,7 +18,7 @@ def moved_to(before, after):
     """Names of what has moved, when a motion began among volumes, and there are others then."""
     surroundings = Surroundings(tool_of(Arm()))
     surroundings.scene = Scene(before)
-    surroundings.led(line(START, GOAL, np.zeros(3)), None, None)
+    surroundings.begin(surroundings.led(line(START, GOAL, np.zeros(3)), None, None))
     surroundings.scene = Scene(after)
     return surroundings.moved.names
 
@@ -42,7 +42,7 @@ def test_parts_that_are_cut_in_another_way_have_not_moved():
 
 def test_a_motion_that_is_refused_changes_nothing_for_the_one_that_runs():
     surroundings = Surroundings(tool_of(Arm()))
-    surroundings.led(line(START, GOAL, np.zeros(3)), None, None)
+    surroundings.begin(surroundings.led(line(START, GOAL, np.zeros(3)), None, None))
     surroundings.scene = Scene([box('crate', GOAL, (0.2, 0.2, 0.2))])
     with pytest.raises(BlockedError):
         surroundings.led(line(START, GOAL, np.zeros(3)), None, None)
