@@ -371,3 +371,20 @@ def test_too_many_cells_are_refused_before_anything_runs(tmp_path, skill_file):
     with open_testbed(tmp_path / 'nodes', skill_file) as nodes, pytest.raises(GdmpError):
         nodes.start_arm(cloud_range=3.0, cloud_cell=0.005)
         nodes.wait('the arm', lambda: bool(nodes.robot), 5.0)
+
+
+def test_a_motion_waits_while_something_stands_in_front_of_the_arm(running, around, skill):
+    running.listen()
+    running.client.execute()
+    running.wait_progress(0.2)
+    # A wall across the whole way: it cannot be bent around, so the arm stands before it.
+    wall = marker(Marker.CUBE, 0.7 * skill.goal[:3] + 0.3 * skill.start[:3], (2.0, 0.01, 2.0),
+                  'wall')
+    around(wall)
+    running.spend(2.0 * skill.duration)
+    waits_at = running.state.progress
+    assert waits_at < 0.95
+    assert np.linalg.norm(running.tool()[:3] - skill.goal[:3]) > 0.1
+    around(Marker(action=Marker.DELETEALL))
+    result = running.client.result(60.0)
+    assert result.error_code == ExecuteSkill.Result.SUCCESSFUL, result.error_string
