@@ -40,6 +40,8 @@ CATCH_UP_SHARE = 0.3
 _TOLERANCE = 1.0 + 1e-6
 #: Least tempo, and the share of an acceleration that it uses.
 _LEAST, _KEPT = 0.02, 0.9
+#: Time constant with which the tempo approaches what an arm allows [s].
+_ALLOWED_S = 0.2
 
 
 class StreamBounds:
@@ -55,14 +57,15 @@ class StreamBounds:
         `bound_in_time_and_space` are:
     :ivar out: the bounded reference; None before there is one
     :ivar work: of its size
-    :ivar tempos: `tempo`, and its rate [1/s]
+    :ivar tempos: `tempo`, and its rate [1/s]; the largest one that is allowed, and how that is
+        approached
     :ivar ahead: what follows of the present motion
     """
 
     def __init__(self, settings: StreamSettings):
         self._settings = settings
         self.out: np.ndarray | None = None
-        self.work, self.tempos = np.empty(0), np.ones(2)
+        self.work, self.tempos = np.empty(0), np.array([1.0, 0.0, 1.0, 1.0])
         self._kind, self.parts = Kind.TOOL, np.empty((0, 4))
         self.bounded = 0
         self._rollout: Rollout | None = None
@@ -77,12 +80,21 @@ class StreamBounds:
     def reset(self) -> None:
         """The next reference begins a stream."""
         self.out = None
-        self.tempos[:] = 1.0, 0.0
+        self.tempos[:2] = 1.0, 0.0
+        self.tempos[3] = self.tempos[2]
 
     @property
     def tempo(self) -> float:
         """Part of the time of the next tick that is to pass for the player, at most 1."""
         return float(self.tempos[0])
+
+    def allow(self, tempo: float) -> None:
+        """
+        Let motions be slower from now on, at a moderate rate; references that rest stay.
+
+        :param tempo: share of the time that may pass for them, 0 … 1
+        """
+        self.tempos[2] = tempo
 
     def continues(self, skill: StreamedSkill, reference: np.ndarray) -> bool:
         """Whether a reference is one of the stream that is bounded."""
@@ -163,7 +175,7 @@ def bound_in_time_and_space(target, out, table, parts, dt, work, tempo, memory, 
     Scale the velocities of targets by the tempo, choose the next one, and bound what is left.
 
     :param work: targets; overwritten
-    :param tempo: tempo of this tick, and its rate [1/s]; become those of the next one
+    :param tempo: of this tick, as `StreamBounds.tempos`; becomes that of the next one
     :param memory: of the roll-out whose state the targets are, and what follows of it
     :returns: whether the references are bounded
     """
@@ -195,12 +207,15 @@ def _choose_tempo(velocity, acceleration, parts, dt, tempo, later, largest_rate)
     """
     The largest next tempo s with speeds s |v| and accelerations |s² a + s' v| inside the bounds.
 
-    :param tempo: present tempo, and its rate [1/s]; changed
+    :param tempo: present one, as `StreamBounds.tempos`; changed
     :param later: largest tempo with which what follows keeps the bounds
     :param largest_rate: of the tempo, as long as the present state needs no larger one [1/s]
     """
     present = tempo[0]
-    most, low = 1.0, -math.inf
+    tempo[3] += min(dt / _ALLOWED_S, 1.0) * (tempo[2] - tempo[3])
+    if abs(tempo[2] - tempo[3]) < 1e-6:
+        tempo[3] = tempo[2]
+    most, low = tempo[3], -math.inf
     high = max(min(largest_rate, (later - present) / dt), -largest_rate)
     for part in parts:
         n, at, largest = abs(int(part[SIZE])), int(part[AT]), part[MOST_ACCELERATION]

@@ -167,3 +167,31 @@ def test_what_follows_is_what_comes(corner, request_):
             assert 0.0 < numbers[0] - state.time < 0.25
             expected[numbers[0]] = numbers[2:5].copy()
     assert met >= 10
+
+
+def test_a_motion_that_is_allowed_less_time_is_slower_on_the_same_path(stream_of_letter):
+    plain, slow = stream_of_letter(1.0), stream_of_letter(0.3)
+    assert len(slow) > 2 * len(plain)
+    # Each place of the slow one is on the path of the plain one.
+    way = np.linalg.norm(slow[::50, None, :3] - plain[None, :, :3], axis=2).min(axis=1)
+    assert way.max() < 1e-3
+    speeds = np.linalg.norm(np.diff(slow[:, :3], axis=0), axis=1) / DT
+    accelerations = np.abs(np.diff(speeds)) / DT
+    fastest = np.linalg.norm(np.diff(plain[:, :3], axis=0), axis=1).max() / DT
+    # The tempo falls with a time constant of 0.2 s.
+    assert accelerations.max() < 5.0 * fastest + 2.0
+
+
+@pytest.fixture
+def stream_of_letter(letter):
+    def references(allowed):
+        player = Player(letter, PlayerSettings(phase_stopping=0.0))
+        bounds, made = StreamBounds(StreamSettings()), []
+        player.start(None)
+        while not (player.rollout is not None and player.rollout.finished):
+            if len(made) == 300:
+                bounds.allow(allowed)
+            target = player.tick(DT, bounds.tempo)
+            made.append(bounds.apply(player.playing, target, DT, player.rollout).copy())
+        return np.array(made)
+    return references

@@ -3,7 +3,7 @@ from gdmp_msgs.msg import ArmStatus
 import numpy as np
 import pytest
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Bool, Float64MultiArray
+from std_msgs.msg import Bool, Float64, Float64MultiArray
 from std_srvs.srv import Trigger
 
 from gdmp_ros import Demonstration, Skill
@@ -131,6 +131,31 @@ def test_an_arm_whose_program_has_stopped_takes_no_commands(nodes, arc):
     count = robot.commands
     nodes.spend(0.5)
     assert robot.commands > count
+
+
+def test_a_motion_is_as_slow_as_the_arm_executes_commands(nodes, arc):
+    speed = nodes.participant.publisher(Float64, '/speed', reliable(10))
+    nodes._made.append(speed)
+    begin(nodes, arc, speed_scaling_topic='/speed')
+    nodes.client.execute()
+    nodes.wait_progress(0.1)
+    speed.publish(Float64(data=25.0))
+    nodes.spend(0.8)
+    assert nodes.status[-1].scale == 0.25
+    before = nodes.state.progress
+    nodes.spend(1.0)
+    # The motion takes 3 s.
+    assert nodes.state.progress - before == pytest.approx(0.25 / 3.0, abs=0.01)
+    speed.publish(Float64(data=float('nan')))  # says nothing
+    nodes.spend(0.5)
+    assert nodes.status[-1].scale == 0.25
+    speed.publish(Float64(data=100.0))
+    nodes.spend(0.8)
+    before = nodes.state.progress
+    nodes.spend(0.5)
+    assert nodes.state.progress - before == pytest.approx(0.5 / 3.0, abs=0.02)
+    result = nodes.client.result(30.0)
+    assert (result.error_code, result.error_string) == (result.SUCCESSFUL, '')
 
 
 def test_without_joint_states_it_says_so(nodes):

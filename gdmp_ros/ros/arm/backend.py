@@ -73,6 +73,10 @@ class ArmBackend:
         """Whether time passes for the arm."""
         return True
 
+    def speed(self) -> float:
+        """Share of its speed at which the arm executes commands, 0 … 1."""
+        return 1.0
+
     def activity(self) -> str:
         """What it does, if its state does not say it; problems are logged."""
         return ''

@@ -367,7 +367,8 @@ class ArmNode(ManagedNode):
             reason=states.reason, blocked=controller.blocked, refused=states.refused,
             last_refusal=self._refusal[0], last_refusal_stamp=self._refusal[1],
             tank_low=controller.tank.is_low, tank_energy=controller.tank.energy,
-            clearance=clearance, nearest=nearest, scale=controller.scale)
+            clearance=clearance, nearest=nearest,
+            scale=min(controller.scale, self.backend.speed()))
         message.header.stamp = self.stamp()
         message.header.frame_id = self.parameters.frame_id
         self._status_out.publish(message)

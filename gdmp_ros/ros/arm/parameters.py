@@ -98,6 +98,9 @@ POSITION = (
          'that acts on the tool, with its weight; empty: there is no sensor'),
     Spec('running_topic', '', 'std_msgs/Bool, false while the arm takes no commands, such as '
          'io_and_status_controller/robot_program_running of a UR; empty: it always does'),
+    Spec('speed_scaling_topic', '', 'std_msgs/Float64, speed at which the arm executes commands '
+         'in percent, such as speed_scaling_state_broadcaster/speed_scaling of a UR: a server '
+         'slows its motions by it; empty: always 100'),
     Spec('output', 'forward_position_controller', 'controller of the arm',
          choices=('forward_position_controller', 'joint_trajectory_controller')),
     Spec('command_topic', '', 'topic of the controller; empty: forward_position_controller/'

@@ -162,6 +162,9 @@ class PositionArm(ArmBackend):
         self.node.state_out.publish(self.driver.reported(tick), stamp,
                                     self.node.commands.sequence)
 
+    def speed(self) -> float:
+        return self.link.speed()
+
     def activity(self) -> str:
         if self.link.problem:
             self.node.get_logger().warning(self.link.problem, throttle_duration_sec=1.0)

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 from geometry_msgs.msg import WrenchStamped
 import numpy as np
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Bool, Float64MultiArray
+from std_msgs.msg import Bool, Float64, Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from gdmp_ros.control.servo import ServoState
@@ -79,7 +79,9 @@ class TopicLink:
         # A driver says it once.
         self.running = (node.add_subscription(Bool, p.running_topic, None, late=True)
                         if p.running_topic else None)
-        self._runs, self._known = True, False
+        self._scaling = (node.add_sensor(Float64, p.speed_scaling_topic)
+                         if p.speed_scaling_topic else None)
+        self._runs, self._known, self._speed = True, False, 1.0
         # What the last messages of the arm are like.
         self._joints_like: Alike | None = None
         self._wrench_like: Alike | None = None
@@ -145,6 +147,17 @@ class TopicLink:
         said = None if self.running is None else self.running.message_of(data)
         if said is not None:
             self._runs = said.data
+
+    def speed(self) -> float:
+        """Share of its speed at which the arm executes commands, as it said last."""
+        if self._scaling is None:
+            return 1.0
+        said = self._scaling.newest_message()
+        if said is not None and 0.0 <= said.data <= 100.0:
+            self._speed = said.data / 100.0
+        elif said is not None:
+            self.problem = f'{self._scaling.topic}: expected 0 to 100 percent, got {said.data}'
+        return self._speed
 
     def joints_layout(self) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
         """That of messages with `Heard.joints`, for kernels; None if these cannot read them."""
