@@ -44,6 +44,8 @@ TANK = TankSettings(energy=50.0, capacity=100.0, recharge_power=0.0)
 RETREAT = 0.3
 #: Whether it has room: motions that are tried, for how long [s], and how finely [s].
 ROOM_DRAWS, ROOM_S, ROOM_STEP_S = 3000, 3.0, 0.02
+#: A step is timed this often.
+STEP_ROUNDS = 60
 #: A volume whose place says that the arm begins in it is drawn again.
 FREE_M = 0.02
 
@@ -417,7 +419,7 @@ def retreating(rng: np.random.Generator, count: int) -> list[Found]:
 def step(rng: np.random.Generator, count: int) -> list[Found]:
     """Time of a step with eight volumes of a kind around the path / without."""
     skill = line(np.array([0.4, -0.3, 0.3]), np.array([0.4, 0.3, 0.3]), np.zeros(3))
-    result = []
+    scenes = {'nothing': Scene()}
     for kind, size in (('sphere', (0.05,)), ('box', (0.1, 0.1, 0.1)), ('capsule', (0.03, 0.2)),
                        ('plane', ())):
         volumes = []
@@ -426,20 +428,25 @@ def step(rng: np.random.Generator, count: int) -> list[Found]:
             place = np.array([0.4 + rng.choice([-0.15, 0.15]), 0.6 * (k / 7.0 - 0.5), 0.3])
             volumes.append(Volume(f'{k}', kind, size, np.concatenate(
                 [place, turn / np.linalg.norm(turn)])))
-        with_them, without = [_step_time(skill, scene) for scene in (Scene(volumes), Scene())]
-        result.append(Found(f'eight of a kind ({kind})', with_them / without, 1.5))
-    return result
+        scenes[kind] = Scene(volumes)
+    # In turns: a machine is not equally fast all the time.
+    best = dict.fromkeys(scenes, np.inf)
+    for _ in range(STEP_ROUNDS):
+        for kind, scene in scenes.items():
+            best[kind] = min(best[kind], _step_time(skill, scene))
+    return [Found(f'eight of a kind ({kind})', best[kind] / best['nothing'], 1.5)
+            for kind in scenes if kind != 'nothing']
 
 
 def _step_time(skill: Skill, scene: Scene) -> float:
-    best, times = np.inf, np.arange(0.0, 3.0, 1e-3)
-    for _ in range(40):
-        rollout = Rollout(skill)
-        rollout.set_obstacles(scene)
-        begun = time.perf_counter()
-        rollout.sample(times)
-        best = min(best, time.perf_counter() - begun)
-    return best
+    """Time of the steps of a motion [s]."""
+    rollout = Rollout(skill)
+    rollout.set_obstacles(scene)
+    state = np.empty(rollout.state_size)
+    begun = time.perf_counter()
+    for _ in range(round(skill.duration / 1e-3)):
+        rollout.advance_to(1e-3, state)
+    return time.perf_counter() - begun
 
 
 CASES: dict[str, Callable[[np.random.Generator, int], list[Found]]] = {

@@ -17,7 +17,8 @@ from gdmp_ros.kernels import (
     numbers_at,
 )
 from gdmp_ros.manifolds.linalg import limit_norm
-from gdmp_ros.scene.distance import point_distance
+from gdmp_ros.manifolds.quaternion import rotate
+from gdmp_ros.scene.distance import distance_within
 from gdmp_ros.scene.scene import Scene
 from gdmp_ros.scene.volume import MARGIN, POSE, RADIUS
 from gdmp_ros.util.numeric import numbers
@@ -28,6 +29,17 @@ _ANGLE_DECAY = 3.0
 _BESIDE = math.exp(-_ANGLE_DECAY * math.pi / 2.0)
 #: Distance to keep, and radius of the sphere around an obstacle and it, among its numbers.
 _KEEP, _AROUND = 11, 12
+
+
+@kernel
+def _angle_of(cosine):
+    """
+    Angle of a cosine of 0 … 1 [rad], to 7e-5.
+
+    Source: Abramowitz, Stegun, Handbook of Mathematical Functions, 4.4.45.
+    """
+    c = min(cosine, 1.0)
+    return math.sqrt(1.0 - c) * (1.5707288 + c * (-0.2121144 + c * (0.0742610 - 0.0187293 * c)))
 
 
 @kernel
@@ -53,7 +65,7 @@ def obstacle_acceleration(size, position, velocity, count, obstacles, gain, reac
     """
     noinline()
     speed2, least = 0.0, 0
-    place, way = local_zeros(3), local_numbers(3)
+    place, way, heading = local_zeros(3), local_numbers(3), local_zeros(3)
     for i in range(size):
         out[i], place[i] = 0.0, position[i]
         speed2 += velocity[i] * velocity[i]
@@ -62,35 +74,43 @@ def obstacle_acceleration(size, position, velocity, count, obstacles, gain, reac
     speed = math.sqrt(speed2)
     if speed < 1e-9:
         return
+    for i in range(size):
+        heading[i] = velocity[i] / speed
     for k in range(count):
         obstacle = numbers_at(obstacles, k * OBSTACLE_SIZE, OBSTACLE_SIZE)
-        between = 0.0
+        between = in_front = 0.0
         for i in range(3):
-            between += (place[i] - obstacle[POSE + i]) ** 2
-        if between >= (reach + obstacle[_AROUND]) ** 2:
+            apart = obstacle[POSE + i] - place[i]
+            between += apart * apart
+            in_front += apart * heading[i]
+        # Out of reach, or all of it behind.
+        if between >= (reach + obstacle[_AROUND]) ** 2 or in_front <= -obstacle[_AROUND]:
             continue
-        distance = point_distance(obstacle, place, way) - obstacle[_KEEP]
+        distance = distance_within(obstacle, place, way) - obstacle[_KEEP]
         if distance >= reach:
             continue
+        rotate(numbers_at(obstacle, POSE + 3, 4), way, way)
         # The direction of the obstacle has a part along the velocity and one across it.
         along, square = 0.0, 0.0
         for i in range(size):
-            along -= way[i] * velocity[i] / speed
+            along -= way[i] * heading[i]
             square += way[i] * way[i]
         if along <= 0.0:
             continue
         across = math.sqrt(max(square - along * along, 0.0))
         near = 1.0 - max(distance, 0.0) / reach
-        ahead = math.exp(-_ANGLE_DECAY * math.atan2(across, along)) - _BESIDE
+        cosine = along if size == 3 else along / math.sqrt(square)
+        ahead = math.exp(-_ANGLE_DECAY * _angle_of(cosine)) - _BESIDE
         strength = gain * speed * ahead * near * near
         if across > 1e-9:
+            strength /= across
             for i in range(size):
-                out[i] += strength * (way[i] + along * velocity[i] / speed) / across
+                out[i] += strength * (way[i] + along * heading[i])
         else:
-            share = velocity[least] / speed
+            share = heading[least]
             length = math.sqrt(1.0 - share * share)
             for i in range(size):
-                unit = (1.0 if i == least else 0.0) - share * velocity[i] / speed
+                unit = (1.0 if i == least else 0.0) - share * heading[i]
                 out[i] += strength * unit / length
 
 

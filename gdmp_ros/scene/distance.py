@@ -43,8 +43,9 @@ def _outside(volume, point, way):
             nearest, depth = i, half - abs(point[i])
     distance = math.sqrt(square)
     if distance > 1e-12:
+        scale = 1.0 / distance
         for i in range(3):
-            way[i] /= distance
+            way[i] *= scale
         return distance
     # Inside, the nearest face is the way out.
     for i in range(3):
@@ -54,18 +55,24 @@ def _outside(volume, point, way):
 
 
 @kernel
-def point_distance(volume, point, way):
+def distance_within(volume, point, way):
     """
     Distance of a point from a volume [m]; negative inside of it.
 
     :param volume: packed
-    :param way: written: unit vector from the volume to the point
+    :param way: written: unit vector from the volume to the point, in the frame of the volume
     """
     inside = local_numbers(3)
     _into_box(volume, point, inside)
-    distance = _outside(volume, inside, way)
+    return _outside(volume, inside, way) - volume[RADIUS]
+
+
+@kernel
+def point_distance(volume, point, way):
+    """The same, with ``way`` in the frame of the point."""
+    distance = distance_within(volume, point, way)
     rotate(numbers_at(volume, POSE + 3, 4), way, way)
-    return distance - volume[RADIUS]
+    return distance
 
 
 @kernel
