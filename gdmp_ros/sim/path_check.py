@@ -269,11 +269,19 @@ class PathChecker:
         :raises DataError: if the scene does not fit the arm
         """
         self._arm, self._reach = arm, Reach(arm, tool)
-        self.scene = scene or Scene()
-        self._shape = arm.shape.with_load()
-        carried_capsules(self.scene.carried, arm.end_pose, len(arm.home), self._shape.capsules)
-        self._volumes = self.scene.packed(self._shape.bits)
         self._pairs = _pairs(arm.model)
+        self.surround(scene or Scene())
+
+    def surround(self, scene: Scene) -> None:
+        """
+        Check with another scene from now on.
+
+        :raises DataError: if it does not fit the arm; the one before stays
+        """
+        arm, shape = self._arm, self._arm.shape.with_load()
+        carried_capsules(scene.carried, arm.end_pose, len(arm.home), shape.capsules)
+        self._volumes = scene.packed(shape.bits)
+        self.scene, self._shape = scene, shape
 
     @property
     def tool(self) -> Tool:

@@ -2,6 +2,7 @@
 from gdmp_msgs.action import ExecuteSequence, ExecuteSkill
 from gdmp_msgs.msg import ArmStatus
 from gdmp_msgs.msg import Scene as Scene_
+from gdmp_msgs.srv import LoadSkill
 from geometry_msgs.msg import Point
 import numpy as np
 import pytest
@@ -388,3 +389,19 @@ def test_a_motion_waits_while_something_stands_in_front_of_the_arm(running, arou
     around(Marker(action=Marker.DELETEALL))
     result = running.client.result(60.0)
     assert result.error_code == ExecuteSkill.Result.SUCCESSFUL, result.error_string
+
+
+def test_a_skill_that_is_blocked_is_told_when_it_is_loaded(running, around, skill, tmp_path):
+    skill.save(tmp_path / 'skill.json')
+
+    def loaded():
+        reply = running.call(LoadSkill, f'{SERVER}/load_skill', path=str(tmp_path / 'skill.json'))
+        assert reply.success
+        return reply.message
+    around(marker(Marker.SPHERE, skill.goal[:3], (0.06, 0.06, 0.06), 'cork'))
+    assert 'blocked by cork: the tool is' in loaded() and 'at the goal' in loaded()
+    # One that can be led around is no problem.
+    middle = 0.5 * (skill.start[:3] + skill.goal[:3])
+    around(Marker(action=Marker.DELETEALL), marker(Marker.SPHERE, middle, (0.06, 0.06, 0.06),
+                                                   'ball'))
+    assert loaded() == ''

@@ -45,8 +45,8 @@ class SkillLoader:
         """
         Use a skill for the next start.
 
-        :returns: why the arm cannot follow it to its own goal; empty if it can. Another goal may
-            be reached: nothing is refused
+        :returns: why the arm cannot follow it to its own goal, with what is around it now; empty
+            if it can. Another goal may be reached: nothing is refused
         :raises DataError: if it is neither one of a pose nor of joints, or the joints are not
             those of the arm; the present skill stays
         """
@@ -94,7 +94,10 @@ class SkillLoader:
         # Of two arms only goals are checked, when a motion starts.
         if self._checker is None or is_of_two_arms(skill):
             return ''
+        around = self._streamer.surroundings
         try:
+            self._checker.surround(around.scene)
+            skill = around.led(skill, None, None).motion
             problems = check_skill(skill, self._checker, CHECKED_POSES)[0].problems()
         except DataError as error:
             problems = [str(error)]
