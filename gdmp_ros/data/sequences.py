@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from gdmp_ros.control.gripper import DEFAULT_SPEED
 from gdmp_ros.dmp.primitive import GripperEvent
@@ -14,7 +13,7 @@ from gdmp_ros.dmp.sequence import GripperStep, HoldStep, MotionStep, SkillSequen
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.dmp.skill_file import MAX_BYTES as SKILL_BYTES
 from gdmp_ros.errors import DataError, GdmpError
-from gdmp_ros.util.files import read_text
+from gdmp_ros.util.files import parse_yaml, read_text
 
 #: Larger files are refused [bytes], and so are more steps.
 MAX_BYTES, MAX_STEPS = 1_000_000, 1000
@@ -34,15 +33,7 @@ def read_sequence(path: str | Path, contents: dict[str, str] | None = None) -> S
     :raises DataError: with the file, the step and the reason
     """
     path, contents = Path(path), {} if contents is None else contents
-    try:
-        document = yaml.safe_load(_contents(path, 'sequence', MAX_BYTES, contents))
-    except GdmpError:
-        raise
-    # Wrong dates, tags and numbers are not all errors of YAML.
-    except (yaml.YAMLError, ValueError, LookupError, TypeError, OverflowError,
-            RecursionError) as error:
-        reason = ' '.join(str(error).split())
-        raise DataError(f'{path}: not a sequence file: {reason}') from None
+    document = parse_yaml(_contents(path, 'sequence', MAX_BYTES, contents), path, 'sequence')
     if not isinstance(document, dict) or set(document) != {'steps'}:
         raise DataError(f'{path}: not a sequence file: expected "steps" and nothing else')
     steps = document['steps']

@@ -203,7 +203,7 @@ def read_numbers(path: Path, takes: Sequence[str]) -> dict[str, list[float]]:
     try:
         rows = csv.reader(io.StringIO(read_text(path, 'table of takes', MAX_BYTES)))
         lines = [(rows.line_num, [entry.strip() for entry in row]) for row in rows if any(row)]
-    except (csv.Error, UnicodeDecodeError) as error:
+    except csv.Error as error:
         raise DataError(f'{path}: not a CSV file: {error}') from None
     heads = lines[0][1] if lines else []
     if TAKE not in heads or len(heads) < 2 or len(set(heads)) < len(heads) or not all(heads):

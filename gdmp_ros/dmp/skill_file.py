@@ -92,11 +92,7 @@ def read_primitive(path: Path, kind: type[P]) -> P:
     :param kind: class of the result
     :raises DataError: naming the file, the field and the reason
     """
-    try:
-        text = read_text(path, 'skill', MAX_BYTES)
-    except UnicodeDecodeError as error:
-        raise DataError(f'{path}: not a skill file: {error}') from None
-    return parse_primitive(text, str(path), kind)
+    return parse_primitive(read_text(path, 'skill', MAX_BYTES), str(path), kind)
 
 
 def parse_primitive(text: str, name: str, kind: type[P]) -> P:

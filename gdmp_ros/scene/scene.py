@@ -10,7 +10,7 @@ import yaml
 
 from gdmp_ros.errors import DataError, GdmpError
 from gdmp_ros.scene.volume import CAPACITY, DEFAULT_MARGIN, Volume, VOLUME_SIZE
-from gdmp_ros.util.files import read_text, write_text
+from gdmp_ros.util.files import parse_yaml, read_text, write_text
 from gdmp_ros.util.numeric import numbers
 
 #: Larger files are refused [bytes].
@@ -111,14 +111,7 @@ def read_scene(path: str | Path) -> Scene:
     :raises DataError: with the file, the volume and the reason
     """
     path = Path(path)
-    try:
-        document = yaml.safe_load(read_text(path, 'scene', MAX_BYTES))
-    except GdmpError:
-        raise
-    # Wrong dates, tags and numbers are not all errors of YAML.
-    except (yaml.YAMLError, ValueError, LookupError, TypeError, OverflowError,
-            RecursionError) as error:
-        raise DataError(f'{path}: not a scene file: {" ".join(str(error).split())}') from None
+    document = parse_yaml(read_text(path, 'scene', MAX_BYTES), path, 'scene')
     if not isinstance(document, dict) or not set(document) <= {'margin', 'volumes'} or (
             not isinstance(document.get('volumes'), list)):
         raise DataError(f'{path}: not a scene file: expected "volumes", a list, and "margin"')

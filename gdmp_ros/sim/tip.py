@@ -111,10 +111,10 @@ def read_urdf(path: Path) -> tuple[ET.Element, str]:
     :returns: the robot, and the name of its first link
     :raises DataError: if it is no URDF
     """
+    text = read_text(path, 'URDF', _LARGEST)
     try:
-        text = read_text(path, 'URDF', _LARGEST)
         robot = ET.fromstring(text)
-    except (UnicodeDecodeError, ET.ParseError) as error:
+    except ET.ParseError as error:
         raise DataError(f'{path}: it is not XML: {error}') from None
     if '<xacro:' in text:
         raise DataError(f'{path}: it is a xacro file; make a URDF of it: xacro {path} > '

@@ -52,8 +52,7 @@ def read_text(path: Path, what: str, most: int) -> str:
 
     :param what: it is to be, for messages
     :param most: size that is allowed [bytes]
-    :raises DataError: if it cannot be read, is a folder or a device, or larger
-    :raises UnicodeDecodeError: if it is not UTF-8
+    :raises DataError: if it cannot be read, is a folder or a device, larger, or not UTF-8
     """
     try:
         if path.exists() and not path.is_file():
@@ -63,5 +62,23 @@ def read_text(path: Path, what: str, most: int) -> str:
             raise DataError(f'{path}: not a {what} file: it has {size} bytes, expected at most '
                             f'{most}')
         return path.read_text()
+    except UnicodeDecodeError as error:
+        raise DataError(f'{path}: not a {what} file: {error}') from None
     except OSError as error:
         raise DataError(f'{path}: cannot read the {what}: {error.strerror}') from None
+
+
+def parse_yaml(text: str, path: Path, what: str) -> Any:
+    """
+    Read a YAML document.
+
+    :param what: it is to be, for messages
+    :raises DataError: if it is no YAML
+    """
+    import yaml  # not needed by most commands
+    try:
+        return yaml.safe_load(text)
+    # Wrong dates, tags and numbers are not all errors of YAML.
+    except (yaml.YAMLError, ValueError, LookupError, TypeError, OverflowError,
+            RecursionError) as error:
+        raise DataError(f'{path}: not a {what} file: {" ".join(str(error).split())}') from None
