@@ -712,9 +712,10 @@ class Player:
         self._bend()
 
     def _bend(self) -> None:
-        """Tell the present motion what it bends around; one with task frames cannot."""
+        """Tell a motion of one tool what it bends around; one with task frames cannot."""
         rollout, (scene, keep) = self.rollout, self._around
-        if rollout is not None and rollout.motion.sizes.position > 0 and not rollout.skill.views:
+        if (rollout is not None and self.playing.kind is Kind.TOOL
+                and rollout.motion.sizes.position > 0 and not rollout.skill.views):
             rollout.set_obstacles(scene, keep=keep)
 
     def _rest_frame(self, name: str) -> None:

@@ -15,12 +15,16 @@ from gdmp_ros.dmp.coupling import Coupling
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import GdmpError, ManifoldError, ParameterError
+from gdmp_ros.manifolds.euclidean import Euclidean
 from gdmp_ros.manifolds.poses import compose, inverse, tool_manifold
+from gdmp_ros.manifolds.product import Product
 from gdmp_ros.manifolds.quaternion import pose_distance
 from gdmp_ros.playback.goal_check import GoalCheck
 from gdmp_ros.playback.measured_input import MeasuredInput, MeasuredInputs
+from gdmp_ros.playback.player import Player
 from gdmp_ros.playback.settings import PlayerSettings, StreamSettings
 from gdmp_ros.playback.streamed_skill import Kind, StreamedSkill
+from gdmp_ros.scene import Scene, Volume
 from test.lockstep.clock import SteppedClock
 
 HOME = np.array([0.4, 0.0, 0.4, 0.0, 1.0, 0.0, 0.0])
@@ -56,6 +60,20 @@ def test_the_other_tool_follows_a_goal_or_stays_without_couplings(skills, side):
     assert np.abs(place[other] - near[other]).max() > 0.01
     alone = joined.place_of(joined.changed(joined.skill.goal, pose, side=side))
     np.testing.assert_array_equal(alone[other], near[other])
+
+
+def test_only_motions_of_one_tool_bend_around_volumes(skills):
+    """Two tools that belong together would come apart; three joints are no position."""
+    times = np.linspace(0.0, 1.0, 50)
+    joints = Skill.learn(Demonstration(times, np.outer(times, [0.1, 0.2, 0.3]), Product(
+        Euclidean(3), names=['joints'])), 10)
+    scene = Scene([Volume('ball', 'sphere', (0.05,), HOME)])
+    for skill, count in ((skills[1], 0), (joints, 0), (one_arm(HOME), 1)):
+        player = Player(skill, PlayerSettings())
+        player.start(None)
+        player.avoid(scene, 0.0)
+        player.tick(1e-3)
+        assert player.rollout.motion.scalars.obstacles == count
 
 
 def test_the_workspace_of_the_second_arm_is_in_its_own_frame(skills):

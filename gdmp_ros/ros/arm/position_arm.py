@@ -168,6 +168,7 @@ class PositionArm(ArmBackend):
     def activity(self) -> str:
         if self.link.problem:
             self.node.get_logger().warning(self.link.problem, throttle_duration_sec=1.0)
+            self.link.problem = ''
         return ''
 
     def diagnosed(self) -> dict[str, Any]:

@@ -56,7 +56,7 @@ class TopicLink:
     The topics of an arm; see `gdmp_ros.control.servo.PositionLink`.
 
     :ivar cycle: time between two commands [s]
-    :ivar problem: why the last message could not be used; empty if it could
+    :ivar problem: why a message could not be used; empty as soon as it has been told
     :ivar heard: of the arm
     :ivar joints: subscription to where the joints are
     :ivar wrenches: subscription to what the sensor feels; None without one

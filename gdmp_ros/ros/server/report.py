@@ -113,7 +113,8 @@ class ServerReport:
             self._arm = status, self._node.clock.now()
         arm = self.arm
         # What slows the arm slows the motion, so that it does not run ahead.
-        self._streamer.bounds.allow(1.0 if arm is None else min(max(arm.scale, 0.0), 1.0))
+        known = arm is not None and 0.0 <= arm.scale <= 1.0
+        self._streamer.bounds.allow(arm.scale if arm is not None and known else 1.0)
         self._log()
         self._publish_plan()
         if self._reports % FIGURES_EVERY == 1:
