@@ -156,7 +156,22 @@ class SceneTopics:
         for part, least in ((slice(0, 3), RESTS_M_S), (slice(3, 6), RESTS_RAD_S)):
             if np.linalg.norm(twist[part]) < least:
                 twist[part] = 0.0
+        self._check_margin(self._told[name], float(np.linalg.norm(twist[:3])), passed)
         return twist
+
+    def _check_margin(self, volume: Volume, speed: float, passed: float) -> None:
+        """
+        Warn if a volume may come nearer than its margin before that is known.
+
+        :param passed: time between two messages [s]
+        """
+        margin = self._told.margin if volume.margin is None else volume.margin
+        if speed * passed > margin:
+            self._node.get_logger().warning(
+                f'{volume.name} moves with {speed:.2f} m/s and is told every {passed:.2f} s: it '
+                f'may come {1e3 * speed * passed:.0f} mm nearer before that is known, its margin '
+                f'is {1e3 * margin:.0f} mm. Tell it more often, or take a larger margin',
+                throttle_duration_sec=5.0)
 
     def _forget(self) -> None:
         """Remove what has outlived its lifetime, and read what has waited."""
