@@ -21,6 +21,7 @@ setup(
         (f'share/{NAME}', ['package.xml']),
         (f'share/{NAME}/launch', glob('launch/*.launch.py')),
         (f'share/{NAME}/config', glob('config/*.yaml') + glob('config/*.rviz')),
+        (f'share/{NAME}/config/arms', glob('config/arms/*.yaml')),
         (f'share/{NAME}/config/layouts', glob('config/layouts/*')),
         (f'share/{NAME}/config/presets', glob('config/presets/*.yaml')),
         (f'share/{NAME}/config/security', glob('config/security/*.xml')),

@@ -1,17 +1,22 @@
 """The node of an arm that takes joint positions, with the topics of ros2_control; lockstep."""
+from pathlib import Path
+
 from gdmp_msgs.msg import ArmStatus
 import numpy as np
 import pytest
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Float64, Float64MultiArray
 from std_srvs.srv import Trigger
+import yaml
 
 from gdmp_ros import Demonstration, Skill
 from gdmp_ros.manifolds.poses import tool_manifold
 from gdmp_ros.ros import messages
+from gdmp_ros.ros.arm.parameters import POSITION
 from gdmp_ros.ros.middleware import latched, reliable
 from gdmp_ros.util.profiles import minimum_jerk
 
+ARMS = Path(__file__).parents[2] / 'config' / 'arms'
 NAME, MODULE, ROBOT = 'position_arm', 'gdmp_ros.ros.arm.position_arm', 'servo_sim'
 POSE = tool_manifold(None)
 
@@ -46,6 +51,32 @@ def begin(nodes, arc, trajectory=False, **parameters):
                        arm_status_topic=f'/{NAME}/status')
     nodes.wait_holding()
     return robot
+
+
+def parameters_of(arm):
+    """Those of a file in ``config/arms``."""
+    document = yaml.safe_load((ARMS / f'{arm}.yaml').read_text())
+    return document['/**/position_arm']['ros__parameters']
+
+
+@pytest.mark.parametrize('arm', [path.stem for path in ARMS.glob('*.yaml')])
+def test_files_for_arms_have_parameters_that_the_node_takes(arm):
+    known = {spec.name: spec for spec in POSITION}
+    for name, value in parameters_of(arm).items():
+        spec = known[name]
+        assert isinstance(value, (int, float) if isinstance(spec.default, float)
+                          else type(spec.default))
+        assert not spec.choices or value in spec.choices
+        for number in (value,) if isinstance(value, (int, float)) else ():
+            assert (spec.low is None or number >= spec.low)
+            assert (spec.high is None or number <= spec.high)
+
+
+def test_the_file_of_universal_robots_moves_an_arm_like_theirs(nodes, arc):
+    begin(nodes, arc, **parameters_of('universal_robots'))
+    nodes.client.execute()
+    result = nodes.client.result(30.0)
+    assert (result.error_code, result.error_string) == (result.SUCCESSFUL, '')
 
 
 @pytest.mark.parametrize('trajectory', [False, True], ids=['positions', 'trajectories'])
