@@ -25,6 +25,8 @@ NS = 1_000_000_000
 MEMORY_S = 10.0
 #: What is told once waits this long for the transform of its frame [s].
 PATIENCE_S = 0.5
+#: Reasons for which something was waited for in vain, that are remembered.
+MOST_IN_VAIN = 20
 #: Frames in a chain, to find loops.
 LONGEST_CHAIN = 1000
 _SPHERE = UnitQuaternion()
@@ -40,7 +42,11 @@ class FrameError(GdmpError):
 
 
 class Waiting:
-    """What is told once, and waits for its frame; in its order."""
+    """
+    What is told once, and waits for its frame; in its order.
+
+    What was waited for in vain is not waited for again: the others would come late.
+    """
 
     def __init__(self, now: Callable[[], float], refuse: Callable[[str], None]):
         """
@@ -51,6 +57,7 @@ class Waiting:
         """
         self._now, self._refuse = now, refuse
         self._rows = deque[tuple[Callable[[float], None], float]]()
+        self._in_vain = deque[str](maxlen=MOST_IN_VAIN)
 
     def add(self, take: Callable[[float], None]) -> None:
         """
@@ -69,9 +76,12 @@ class Waiting:
             try:
                 take(came)
             except GdmpError as error:
-                if isinstance(error, FrameError) and self._now() < came + PATIENCE_S:
-                    return
-                self._refuse(str(error))
+                reason = str(error)
+                if isinstance(error, FrameError) and reason not in self._in_vain:
+                    if self._now() < came + PATIENCE_S:
+                        return
+                    self._in_vain.append(reason)
+                self._refuse(reason)
             self._rows.popleft()
 
 

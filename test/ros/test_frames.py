@@ -8,7 +8,7 @@ from gdmp_ros.manifolds.poses import compose, inverse
 from gdmp_ros.manifolds.quaternion import pose_distance
 from gdmp_ros.ros import frames, messages
 from gdmp_ros.ros.clients.testbed import SERVER
-from gdmp_ros.ros.frames import FrameError, FrameTree, Transform
+from gdmp_ros.ros.frames import FrameError, FrameTree, PATIENCE_S, Transform, Waiting
 from gdmp_ros.ros.middleware import latched
 from gdmp_ros.sim import Arm
 
@@ -179,3 +179,29 @@ def test_a_goal_waits_until_its_frame_is_known_at_its_stamp(running, skill):
     assert running.client.result(30.0).error_code == 0
     assert running.state.refused == 0
     assert np.linalg.norm(running.tool()[:3] - goal[:3]) < 3e-3
+
+
+def test_what_is_waited_for_in_vain_delays_others_only_once():
+    taken, refused, known, now = [], [], set(), [0.0]
+    waiting = Waiting(lambda: now[0], refused.append)
+
+    def tell(frame, what):
+        def take(came):
+            if frame not in known:
+                raise FrameError(f'{frame} is not connected')
+            taken.append(what)
+        waiting.add(take)
+    known.add('base')
+    tell('camera', 'first')
+    tell('base', 'second')
+    assert taken == [] and refused == []
+    now[0] = PATIENCE_S + 0.01
+    waiting.look()
+    assert taken == ['second'] and refused == ['camera is not connected']
+    tell('camera', 'third')
+    tell('base', 'fourth')
+    assert taken == ['second', 'fourth'] and len(refused) == 2
+    known.add('camera')
+    tell('camera', 'fifth')
+    tell('other', 'sixth')  # for this one there is still patience
+    assert taken[-1] == 'fifth' and len(refused) == 2
