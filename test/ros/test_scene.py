@@ -409,11 +409,12 @@ def test_a_skill_that_is_blocked_is_told_when_it_is_loaded(running, around, skil
 
 def test_a_volume_that_is_told_too_rarely_for_its_speed_is_warned_of(running, around):
     def moves(by, every):
+        before = running.log(ARM).count('ball moves with')
         for k in range(4):
             around(marker(Marker.SPHERE, [0.9, 0.9 - k * by, 0.9], (0.1, 0.1, 0.1), 'ball'))
             running.spend(every)
         around(Marker(action=Marker.DELETEALL))
-        return running.log(ARM).count('ball moves with')
+        return running.log(ARM).count('ball moves with') - before
     # The margin is 20 mm; `around` takes 0.3 s.
     assert moves(0.015, 0.0) == 0
     assert moves(0.04, 0.1) > 0
