@@ -352,6 +352,7 @@ class Player:
 
         :param scene: instead of that of the call before
         """
+        # Allowed in the same states as the tempo: it holds for the next motions, too.
         self._ask(Request.SPEED, self._avoid, scene, keep)
 
     def move_frame(self, name: str, pose: np.ndarray, at: float, twist: np.ndarray | None = None

@@ -25,7 +25,7 @@ NS = 1_000_000_000
 MEMORY_S = 10.0
 #: What is told once waits this long for the transform of its frame [s].
 PATIENCE_S = 0.5
-#: Reasons for which something was waited for in vain, that are remembered.
+#: Most errors of failed waits that are remembered.
 MOST_IN_VAIN = 20
 #: Frames in a chain, to find loops.
 LONGEST_CHAIN = 1000

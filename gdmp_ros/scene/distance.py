@@ -69,7 +69,12 @@ def distance_within(volume, point, way):
 
 @kernel
 def point_distance(volume, point, way):
-    """The same, with ``way`` in the frame of the point."""
+    """
+    Distance of a point from a volume [m]; negative inside of it.
+
+    :param volume: packed
+    :param way: written: unit vector from the volume to the point, in the frame of the point
+    """
     distance = distance_within(volume, point, way)
     rotate(numbers_at(volume, POSE + 3, 4), way, way)
     return distance

@@ -111,10 +111,9 @@ class ServerReport:
         status = self._arm_in.newest_message()
         if status is not None:
             self._arm = status, self._node.clock.now()
-        arm = self.arm
         # What slows the arm slows the motion, so that it does not run ahead.
-        known = arm is not None and 0.0 <= arm.scale <= 1.0
-        self._streamer.bounds.allow(arm.scale if arm is not None and known else 1.0)
+        scale = 1.0 if self.arm is None else self.arm.scale
+        self._streamer.bounds.allow(scale if 0.0 <= scale <= 1.0 else 1.0)
         self._log()
         self._publish_plan()
         if self._reports % FIGURES_EVERY == 1:
