@@ -18,7 +18,7 @@ import numpy as np
 
 from experiments.franka_page import run_page
 from gdmp_ros.demo.run import run_demo
-from gdmp_ros.demo.tasks import run_task
+from gdmp_ros.demo.tasks import run_task, run_wiping
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.franka.bare_client import exchange
 from gdmp_ros.franka.protocol_server import HOST
@@ -114,7 +114,10 @@ def task(name: str, folder: Path, friction: Path) -> dict[str, Any]:
     """Report of a task, or why it failed."""
     choice = ArmChoice('franka', protocol_server=True, parameter_files=(friction,))
     try:
-        run_task(name, folder, choice)
+        if name == 'wipe':
+            run_wiping(folder, choice)
+        else:
+            run_task(name, folder, choice)
     except GdmpError as error:
         return {'error': str(error), 'succeeded': False}
     return dict(json.loads((folder / 'report.json').read_text()))
@@ -154,7 +157,7 @@ def measure(count: int, parts: Collection[str]) -> dict[str, Any]:
                     default=np.inf), LOST)]
         if 'tasks' in parts:
             document['tasks'] = {kind: task(kind, folder / kind, friction)
-                                 for kind in ('pick', 'joints', 'objects')}
+                                 for kind in ('pick', 'joints', 'objects', 'wipe')}
             document['rows'].append(_row('tasks that failed', sum(
                 not done['succeeded'] for done in document['tasks'].values()), 0))
         if 'page' in parts:

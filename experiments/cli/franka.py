@@ -5,7 +5,7 @@ a minute, the page of the first day eight minutes. Nothing else should use the m
 
   letters  identification, then the letter with its goal switch
   burden   five letters while a thread of the arm's node keeps the interpreter busy
-  tasks    pick with the gripper, and the letter in joints
+  tasks    pick with the gripper, the letter in joints, objects that a camera sees, wiping
   page     the commands of docs/franka_first_skill.md; a scripted hand guides the arm
 
 examples:

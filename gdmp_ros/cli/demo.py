@@ -21,6 +21,7 @@ examples:
   gdmp demo --arm ur5e --out out/ur5e
   gdmp demo --arm ur5e --task wipe --out out/ur5e-wipe
   gdmp demo --arm franka --protocol-server --out out/franka
+  gdmp demo --arm franka --protocol-server --task wipe --out out/franka-wipe
   gdmp demo --arm franka --host 172.16.0.2 --friction friction.yaml --out out/franka
 """
 from __future__ import annotations

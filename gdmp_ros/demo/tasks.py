@@ -299,15 +299,19 @@ def run_wiping(folder: Path, arm: ArmChoice, testbed: Opener = process_bed) -> i
     :raises GdmpError: if something does not happen in time
     """
     interrupt_on_sigterm()
-    if arm.kind == 'franka':
-        raise ParameterError('--task wipe puts tables under a simulated arm: take another --arm')
+    arm.check()
+    if arm.host:
+        raise ParameterError('--task wipe puts tables under the arm: take --protocol-server '
+                             'instead of --host, or another --arm')
     folder.mkdir(parents=True, exist_ok=True)
     for name in ('demonstration', 'runs', 'logs'):
         shutil.rmtree(folder / name, ignore_errors=True)
     print('wiping a table, shown to the simulated arm', flush=True)
     record_wiping(folder / 'demonstration', arm)
     print('learning', flush=True)
-    figures: dict[str, Any] = {'task': 'wipe', 'shown_force_n': FORCE, 'tables': []}
+    figures: dict[str, Any] = {'task': 'wipe', 'arm': arm.node, 'shown_force_n': FORCE,
+                               'tables': []}
+    arm = with_friction(arm, folder)
     for name, topic in (('with force', WRENCH_TOPIC), ('plain', '')):
         learned = skill_from_bags([folder / 'demonstration'], LearningSettings(
             pose_topic=recordings.POSE_TOPIC, wrench_topic=topic, stiffness='none',
@@ -337,10 +341,13 @@ def run_wiping(folder: Path, arm: ArmChoice, testbed: Opener = process_bed) -> i
 def _execute_wiping(folder: Path, skill: Path, height: float, period: float, arm: ArmChoice,
                     testbed: Opener) -> dict[str, Any]:
     """Wipe a table through the nodes."""
-    name = f'{skill.stem}{1e3 * height:+.0f}mm'
-    with testbed(NodeTestbed, folder / 'runs' / name, arm=arm) as bed:
-        bed.start(server={'skill': str(skill.resolve()), 'wrench_gain': GAIN},
-                  world=_table(folder, height, arm))
+    runs, world = folder / 'runs' / f'{skill.stem}{1e3 * height:+.0f}mm', _table(
+        folder, height, arm)
+    with arm.robot(runs / 'logs', world=world), testbed(NodeTestbed, runs, arm=arm) as bed:
+        bed.start_arm(world=world)
+        if arm.kind == 'franka':
+            move_joints(bed.client, bed.arm.node)
+        bed.start(server={'skill': str(skill.resolve()), 'wrench_gain': GAIN})
         # On a table that is elsewhere the tool does not reach the reference, and need not.
         bed.client.execute(ExecuteSkill.Goal(
             cycles=float(CYCLES), robot_position_tolerance=TABLE_TOLERANCE[0],
@@ -357,7 +364,7 @@ def _table(folder: Path, height: float, arm: ArmChoice) -> dict[str, Any]:
         top = home_pose(arm.model)[2] - BELOW + height
         return {'scene': 'soft_table', 'scene_height': float(top)}
     scene = folder / f'table{1e3 * height:+.0f}mm.xml'
-    spec = cloth_table(BELOW - height)
+    spec = cloth_table(BELOW - height, arm.model or 'panda')
     spec.compile()
     scene.write_text(spec.to_xml())
     return {'model': str(scene.resolve())}

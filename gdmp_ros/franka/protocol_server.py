@@ -27,12 +27,12 @@ from gdmp_ros.util.files import write_text
 
 VERSION = '1.1.7'
 HOST = '127.0.0.1'
-#: For the pose of a hand that guides the arm (`gdmp_ros.sim.guided_server`).
+#: For the pose of a hand that guides the arm (`gdmp_ros.sim.contact_server`).
 HAND_PORT = 1341
 #: Dry friction of the joints in public models of the robot [Nm].
 DRY_FRICTION = 1.137
 _SIM = Path(__file__).parent.parent / 'sim'
-_MODEL, _GUIDED = _SIM / 'models' / 'fr3.xml', _SIM / 'guided_server.py'
+_MODEL, _TOUCHED = _SIM / 'models' / 'fr3.xml', _SIM / 'contact_server.py'
 _POSE = struct.Struct('<7d')
 
 
@@ -53,7 +53,7 @@ def interpreter() -> Path:
 
 
 def command(dry_friction: float, enforce: bool, object_width: float | None, gripper: bool,
-            hand: bool = False) -> tuple[list[str], dict[str, str]]:
+            hand: bool = False, model: Path = _MODEL) -> tuple[list[str], dict[str, str]]:
     """
     Command line of the server, and what it needs in its environment.
 
@@ -61,9 +61,11 @@ def command(dry_friction: float, enforce: bool, object_width: float | None, grip
     :param enforce: stop motions that break the limits, or lose too many cycles, as the robot does
     :param object_width: of a virtual object between the fingers [m]
     :param hand: whether a hand may guide the arm (`move_hand`)
-    :raises DataError: if the server is not installed
+    :param model: MJCF file of the arm and of what is around it
+    :raises DataError: if the server is not installed, or cannot use the model
     """
-    words = [str(interpreter()), *(['-P', str(_GUIDED), str(HAND_PORT)] if hand else
+    touched = hand or model != _MODEL
+    words = [str(interpreter()), *(['-P', str(_TOUCHED), str(HAND_PORT)] if touched else
                                    ['-m', 'franka_sim.run_server'])]
     if enforce:
         words += ['--enforce-comm-constraints', '--enforce-motion-limits']
@@ -71,16 +73,21 @@ def command(dry_friction: float, enforce: bool, object_width: float | None, grip
         words.append('--no-gripper')
     elif object_width is not None:
         words += ['--gripper-object-width', str(object_width)]
-    return words, {'FR3_MJCF': str(_plant(dry_friction))}
+    return words, {'FR3_MJCF': str(_plant(model, dry_friction))}
 
 
-def _plant(dry_friction: float) -> Path:
-    """File of the model with dry friction; its name tells its content."""
-    tree = ElementTree.parse(_MODEL)
+def _plant(model: Path, dry_friction: float) -> Path:
+    """File of a model with dry friction; its name tells its content."""
+    try:
+        tree = ElementTree.parse(model)
+    except (OSError, ElementTree.ParseError) as error:
+        raise DataError(f'{model}: cannot be read: {error}') from None
     joint = tree.find('default/joint')
     if joint is None:
-        raise DataError(f'{_MODEL}: no default of the joints')
+        raise DataError(f'{model}: no default of the joints')
     joint.set('frictionloss', str(dry_friction))
+    for texture in tree.iter('texture'):
+        texture.attrib.pop('colorspace', None)  # the MuJoCo of the server is an older one
     text = ElementTree.tostring(tree.getroot(), encoding='unicode')
     name = hashlib.sha256(text.encode()).hexdigest()[:12]
     path = Path(tempfile.gettempdir()) / f'gdmp_fr3_{name}.xml'
@@ -135,11 +142,15 @@ def main(arguments: list[str] | None = None) -> int:
                         help='a hand may guide the arm, by datagrams (gdmp record)')
     parser.add_argument('--object-width', type=float, metavar='M',
                         help='virtual object between the fingers')
+    parser.add_argument('--model', type=Path, default=_MODEL, metavar='FILE',
+                        help='MJCF of the arm and of what is around it, which the external '
+                             'torques tell of (default: the arm alone)')
     options = parser.parse_args(arguments)
     try:
         check_port()
         words, environment = command(options.dry_friction, not options.tolerant,
-                                     options.object_width, options.gripper, options.hand)
+                                     options.object_width, options.gripper, options.hand,
+                                     options.model)
     except GdmpError as error:
         print(f'error: {error}', file=sys.stderr)
         return 2

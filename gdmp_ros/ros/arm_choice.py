@@ -1,7 +1,7 @@
 """Which arm a command starts, and how."""
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 import importlib.util
@@ -147,18 +147,22 @@ class ArmChoice:
         return {**result, 'reach_model': self.model} if self.model else result
 
     @contextmanager
-    def robot(self, folder: Path, gripper: bool = False, hand: bool = False) -> Iterator[None]:
+    def robot(self, folder: Path, gripper: bool = False, hand: bool = False,
+              world: Mapping[str, Any] | None = None) -> Iterator[None]:
         """
         The robot itself, as long as the context lasts; the server of the protocol if wanted.
 
         :param folder: for its log
         :param gripper: whether the server has a gripper, and something to hold
         :param hand: whether a hand may guide the arm behind the server
+        :param world: what the server simulates (``model``: a file); by default the arm alone
         """
         with ChildProcesses(os.environ, folder) as children:
             if self.protocol_server:
                 children.start('protocol_server', 'gdmp_ros.franka.protocol_server', [
                     *(['--gripper', '--object-width', '0.04'] if gripper else []),
-                    *(['--hand'] if hand else [])])
+                    *(['--hand'] if hand else []),
+                    *(word for name, value in (world or {}).items()
+                      for word in (f'--{name}', str(value)))])
                 await_server(children.check)
             yield

@@ -21,6 +21,7 @@ from gdmp_ros.realtime.doctor import BAD, GOOD
 from gdmp_ros.ros.arm_choice import FRANKA
 from gdmp_ros.ros.clients.arm_client import move_joints
 from gdmp_ros.ros.clients.testbed import process_bed, SERVER
+from gdmp_ros.sim.scenes import cloth_table
 from test.franka.bed import choice, FAULT, FrankaBed
 from test.franka.server import Server
 
@@ -91,6 +92,18 @@ def test_a_server_that_is_killed(bed, server):
     found = {one.subject: one for one in examine(server.host, 2.0)}
     assert set(found) == {'libfranka', 'round trip', 'lost cycles', 'jitter', "the robot's time"}
     assert found['libfranka'].level == GOOD
+
+
+def test_a_table_under_the_tool_is_felt(tmp_path):
+    arm, table = choice(tmp_path, protocol_server=True), tmp_path / 'table.xml'
+    spec = cloth_table(-0.004, arm.model)  # its top is above the tool
+    spec.compile()
+    table.write_text(spec.to_xml())
+    with (arm.robot(tmp_path / 'logs', world={'model': table}),
+          process_bed(FrankaBed, tmp_path, arm=arm) as bed):
+        bed.start_arm()
+        move_joints(bed.client, FRANKA)
+        bed.wait('the force', lambda: bed.states and bed.states[-1].wrench.force.z > 2.0, 60.0)
 
 
 @pytest.mark.long

@@ -31,7 +31,7 @@ def test_an_arm_that_takes_positions_has_a_robot_in_front_of_it():
 
 
 def test_what_no_table_can_be_put_under_is_not_asked_to_wipe(tmp_path):
-    with pytest.raises(ParameterError, match='--task wipe puts tables under a simulated arm'):
+    with pytest.raises(ParameterError, match='--task wipe puts tables under the arm'):
         run_wiping(tmp_path, ArmChoice('franka', host='172.16.0.2'))
     assert not list(tmp_path.iterdir())
 

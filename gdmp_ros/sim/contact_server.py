@@ -1,11 +1,14 @@
 """
-The server of the protocol, with a hand that may guide its arm.
+The server of the protocol, with what touches its arm.
 
 It runs in the environment of the server, which has not this package. A datagram of seven numbers
-tells where the hand is: x, y, z, qw, qx, qy, qz of the site ``tcp``, in the frame of the base. The
+tells where a hand is: x, y, z, qw, qx, qy, qz of the site ``tcp``, in the frame of the base. The
 hand is a spring and a damper. Without a datagram for 0.3 s it lets go.
 
-usage: guided_server.py PORT ARGUMENT_OF_THE_SERVER …
+The state of the robot has ``tau_ext_hat_filtered``: contacts, limits and the dry friction of the
+joints, which a robot cannot tell apart either. The server itself leaves it 0.
+
+usage: contact_server.py PORT ARGUMENT_OF_THE_SERVER …
 """
 import socket
 import struct
@@ -19,6 +22,10 @@ POSE = struct.Struct('<7d')
 PATIENCE_S = 0.3
 #: As the hand of the simulated arm: stiffness, damping, largest force; the same of rotations.
 LINEAR, ANGULAR = (800.0, 110.0, 40.0), (40.0, 4.0, 6.0)
+
+
+#: Share of the last torque in the one that is told, of each step of 1 ms.
+SMOOTHING = 0.8
 
 
 class Hand:
@@ -66,14 +73,24 @@ def _pulled(error: np.ndarray, velocity: np.ndarray, stiffness: float, damping: 
 
 def main() -> None:
     """Become the server."""
-    from franka_sim import run_server  # only its environment has it
+    # Only its environment has these.
+    from franka_sim import run_server
+    from franka_sim.mujoco_franka_sim import MujocoFrankaSim
     hand, step = Hand(int(sys.argv.pop(1))), mujoco.mj_step
+    told, publish = np.zeros(7), MujocoFrankaSim._read_and_publish_state  # noqa: SLF001
 
     def guided_step(model: mujoco.MjModel, data: mujoco.MjData) -> None:
         hand.guide(model, data)
         step(model, data)
-    # The server calls it by this name.
+
+    def publish_torques(self: MujocoFrankaSim) -> None:
+        publish(self)
+        told[:] += (1.0 - SMOOTHING) * (self.data.qfrc_constraint[self.arm_dofs_idx] - told)
+        self._state_snapshot = {  # noqa: SLF001  what the server sends is there
+            **self._state_snapshot, 'tau_ext_hat_filtered': told.tolist()}  # noqa: SLF001
+    # The server calls them by these names.
     mujoco.mj_step = guided_step
+    MujocoFrankaSim._read_and_publish_state = publish_torques  # noqa: SLF001
     run_server.main()
 
 
