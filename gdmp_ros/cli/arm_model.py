@@ -8,14 +8,20 @@ examples:
   xacro ur.urdf.xacro ur_type:=ur5e name:=ur > robot.urdf
   gdmp arm model robot.urdf --tip tool0 --home 0 -1.57 1.57 -1.57 -1.57 0 -o robot.xml
   panda_sim --ros-args -p model:=robot.xml -p frame_id:=base_link
+  gdmp arm model --topic /robot_description --tip tool0 --home 0 -1.57 1.57 -1.57 -1.57 0 -o ur.xml
+
+With --topic the URDF is the one that the running driver of a robot publishes, with the calibration
+of this arm. It is written beside the model, as ur.urdf.
 """
 from __future__ import annotations
 
 import argparse
+import os
 from pathlib import Path
 
 from gdmp_ros.cli.arguments import add_output, check_output
-from gdmp_ros.util.optional_imports import extra, optional_import
+from gdmp_ros.errors import ParameterError
+from gdmp_ros.util.optional_imports import extra, optional_import, ROS
 from gdmp_ros.util.terminal import table
 
 #: A Jacobian with a smaller singular value is that of a posture near a singular one.
@@ -24,7 +30,10 @@ NEAR_SINGULAR = 0.05
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument('urdf', type=Path, metavar='URDF', help='description of the arm')
+    parser.add_argument('urdf', type=Path, nargs='?', metavar='URDF',
+                        help='description of the arm')
+    parser.add_argument('--topic', metavar='TOPIC',
+                        help='take the description that a driver publishes there instead')
     parser.add_argument('--tip', required=True, metavar='LINK', help='link that carries the tool')
     parser.add_argument('--home', required=True, type=float, nargs='+', metavar='RAD',
                         help='home posture, a number for each joint between base and tip')
@@ -34,13 +43,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> None:
     """Read, complete, check, write."""
     check_output(options.output)
+    if (options.urdf is None) == (options.topic is None):
+        raise ParameterError('expected either a URDF or --topic, such as /robot_description')
     with optional_import(extra('sim')):
         import numpy as np
 
         from gdmp_ros.sim.arm import Arm
         from gdmp_ros.sim.urdf_model import model_of
     from gdmp_ros.util.files import write_text
-    made = model_of(options.urdf, options.tip, np.array(options.home))
+    urdf = options.urdf or _received(options.topic, options.output.with_suffix('.urdf'))
+    made = model_of(urdf, options.tip, np.array(options.home))
     arm = Arm(made.spec)
     limits, measured = arm.limits, arm.measure()
     lower, upper, speed = np.rad2deg([limits.lower, limits.upper, limits.fastest(np.inf)])
@@ -57,3 +69,16 @@ def run(options: argparse.Namespace) -> None:
               f'Jacobian is {smallest:.3f}): choose one of your work')
     write_text(options.output, made.spec.to_xml())
     print(f'wrote {options.output}')
+
+
+def _received(topic: str, path: Path) -> Path:
+    """File with the description that a driver publishes."""
+    with optional_import(ROS):
+        from gdmp_ros.ros.clients.arm_client import received_description
+    from gdmp_ros.util.dds_network import default_environment
+    from gdmp_ros.util.files import write_text
+    check_output(path)
+    os.environ.update(default_environment())
+    write_text(path, received_description(topic))
+    print(f'wrote {path}')
+    return path

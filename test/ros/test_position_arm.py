@@ -1,4 +1,5 @@
 """The node of an arm that takes joint positions, with the topics of ros2_control; lockstep."""
+import os
 from pathlib import Path
 
 from gdmp_msgs.msg import ArmStatus
@@ -10,10 +11,12 @@ from std_srvs.srv import Trigger
 import yaml
 
 from gdmp_ros import Demonstration, Skill
+from gdmp_ros.cli.main import main
 from gdmp_ros.manifolds.poses import tool_manifold
 from gdmp_ros.ros import messages
 from gdmp_ros.ros.arm.parameters import POSITION
 from gdmp_ros.ros.middleware import latched, reliable
+from gdmp_ros.sim.arm import Arm
 from gdmp_ros.util.profiles import minimum_jerk
 
 ARMS = Path(__file__).parents[2] / 'config' / 'arms'
@@ -51,6 +54,24 @@ def begin(nodes, arc, trajectory=False, **parameters):
                        arm_status_topic=f'/{NAME}/status')
     nodes.wait_holding()
     return robot
+
+
+def test_a_model_is_made_of_what_a_running_driver_describes(nodes, tmp_path, monkeypatch):
+    monkeypatch.setattr(os, 'environ', dict(os.environ))  # discovery is restricted there
+    nodes.children.start_node(ROBOT, 'gdmp_ros.ros.arm.servo_sim', {})
+    own, home = Arm('ur5e'), [0.3, -1.4, 1.2, -1.3, -1.5, 0.2]
+    assert main(['arm', 'model', '--topic', '/robot_description', '--tip', 'flange',
+                 '--home', *map(str, home), '-o', str(tmp_path / 'ur.xml')]) == 0
+    made = Arm(str(tmp_path / 'ur.xml'))
+    assert made.names == own.names and (tmp_path / 'ur.urdf').is_file()
+    flange = Arm('ur5e', 'flange')
+    assert POSE.distance(made.pose_at(made.home), flange.pose_at(np.array(home))) < 1e-6
+
+
+def test_a_model_is_made_of_one_description(tmp_path, capsys):
+    assert main(['arm', 'model', '--tip', 'flange', '--home', '0', '-o',
+                 str(tmp_path / 'ur.xml')]) != 0
+    assert '--topic' in capsys.readouterr().err
 
 
 def parameters_of(arm):

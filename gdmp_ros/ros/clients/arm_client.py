@@ -1,4 +1,4 @@
-"""Clients of an arm: move its joints to a posture, measure the friction of its joints."""
+"""Clients of an arm: move its joints, measure their friction, receive its description."""
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -14,6 +14,7 @@ import numpy as np
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.parameter import Parameter
+from std_msgs.msg import String
 
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.ros.arm_choice import ArmChoice
@@ -132,6 +133,21 @@ def with_friction(arm: ArmChoice, folder: Path) -> ArmChoice:
     friction = folder / 'friction.yaml'
     identify_alone(arm, friction)
     return replace(arm, parameter_files=(friction,))
+
+
+def received_description(topic: str) -> str:
+    """
+    URDF that the driver of a robot publishes, with the calibration of its arm.
+
+    :raises GdmpError: if none comes in time
+    """
+    client, received = Client('description_client'), []
+    try:
+        client.subscribe(String, topic, received.append, late=True)
+        client.wait(f'a robot description on {topic}', lambda: bool(received), START_UP_S)
+    finally:
+        client.close()
+    return str(received[-1].data)
 
 
 def _write(output: Path, arm: str, result: dict[str, list[float]]) -> None:

@@ -19,7 +19,14 @@ from gdmp_ros.learning.correction import FollowedMotion
 from gdmp_ros.realtime.loop import NS
 from gdmp_ros.ros import messages
 from gdmp_ros.ros.dds import current
-from gdmp_ros.ros.middleware import ActionClient, Publisher, reliable, ServiceClient, Subscription
+from gdmp_ros.ros.middleware import (
+    ActionClient,
+    latched,
+    Publisher,
+    reliable,
+    ServiceClient,
+    Subscription,
+)
 
 #: Wait before the first call of a service [s]: a reply is lost if the server has not found the
 #: client yet, and a client cannot find out whether it has.
@@ -60,14 +67,16 @@ class Client:
         return self.participant.publisher(kind, topic, reliable(depth))
 
     def subscribe(self, kind: Any, topic: str, callback: Callable[[Any], None] | None = None,
-                  depth: int = 10) -> Subscription:
+                  depth: int = 10, late: bool = False) -> Subscription:
         """
         Subscribe to a topic.
 
         :param callback: gets each message; without one, messages are taken from the subscription,
             which is fast enough for 1 kHz
+        :param late: receive the last messages from before too (transient local)
         """
-        return self.participant.subscription(kind, topic, reliable(depth), callback)
+        return self.participant.subscription(
+            kind, topic, latched(depth) if late else reliable(depth), callback)
 
     def now(self) -> float:
         """Steady time [s]."""
