@@ -141,7 +141,8 @@ def received_description(topic: str) -> str:
 
     :raises GdmpError: if none comes in time
     """
-    client, received = Client('description_client'), []
+    client = Client('description_client')
+    received: list[String] = []
     try:
         client.subscribe(String, topic, received.append, late=True)
         client.wait(f'a robot description on {topic}', lambda: bool(received), START_UP_S)
