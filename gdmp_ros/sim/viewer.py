@@ -12,6 +12,11 @@ from gdmp_ros.errors import DataError
 from gdmp_ros.sim.arm import Arm
 
 
+#: Directions in which a camera may look [°]: about the vertical, the first one by preference, and
+#: downwards; and its distance / extent of the model.
+_AROUND, _DOWN, _AWAY = (140.0, 180.0, 220.0, 260.0, 100.0, 60.0, 300.0), (-20.0, -35.0), 1.6
+
+
 class NoScreenError(DataError):
     """Off-screen rendering is not possible on this machine."""
 
@@ -81,7 +86,7 @@ class Camera:
         """
         self._arm = arm
         # -1, for a model without this camera, is the default view.
-        self._camera = mujoco.mj_name2id(arm.model, mujoco.mjtObj.mjOBJ_CAMERA, 'overview')
+        self._camera: int | mujoco.MjvCamera = mujoco.mj_name2id(arm.model, mujoco.mjtObj.mjOBJ_CAMERA, 'overview')
         _enlarge_buffer(arm.model, size)
         try:
             self._renderer = mujoco.Renderer(arm.model, size[1], size[0])
@@ -96,15 +101,40 @@ class Camera:
     def __exit__(self, *_: object) -> None:
         self._renderer.close()
 
+    def aim(self, path: np.ndarray) -> None:
+        """
+        Look from where most of a path is seen, in the present state.
+
+        :param path: positions [m], shape ``(T, 3)``
+        """
+        model, most = self._arm.model, -1
+        middle = 0.5 * (model.stat.center + path.mean(axis=0))
+        for elevation in _DOWN:
+            for azimuth in _AROUND:
+                camera = mujoco.MjvCamera()
+                camera.lookat, camera.distance = middle, _AWAY * model.stat.extent
+                camera.azimuth, camera.elevation = azimuth, elevation
+                turn, down = np.deg2rad([azimuth, elevation])
+                eye = middle - camera.distance * np.array([
+                    np.cos(down) * np.cos(turn), np.cos(down) * np.sin(turn), np.sin(down)])
+                seen = sum(self._is_seen(eye, position) for position in path)
+                if seen > most:
+                    most, self._camera = seen, camera
+
+    def _is_seen(self, eye: np.ndarray, position: np.ndarray) -> bool:
+        hit = mujoco.mj_ray(self._arm.model, self._arm.data, eye, position - eye, None, 1, -1,
+                            np.zeros(1, dtype=np.int32))
+        return hit < 0.0 or hit > 1.0
+
     def take(self, path: np.ndarray | None = None) -> np.ndarray:
         """
         Take a picture of the present state, shape ``(height, width, 3)`` uint8.
 
-        :param path: positions to draw as a line of small spheres [m], shape ``(T, 3)``
+        :param path: positions to draw as a line [m], shape ``(T, 3)``
         """
         self._renderer.update_scene(self._arm.data, camera=self._camera)
-        for position in path if path is not None else ():
-            _add_sphere(self._renderer.scene, position)
+        for first, last in zip(path[:-1], path[1:]) if path is not None else ():
+            _add_line(self._renderer.scene, first, last)
         return np.array(self._renderer.render())
 
 
@@ -115,10 +145,12 @@ def _enlarge_buffer(model: mujoco.MjModel, size: tuple[int, int]) -> None:
     buffer.offheight = max(buffer.offheight, size[1])
 
 
-def _add_sphere(scene: Any, position: np.ndarray) -> None:
+def _add_line(scene: Any, first: np.ndarray, last: np.ndarray) -> None:
     if scene.ngeom >= scene.maxgeom:
         return
-    mujoco.mjv_initGeom(scene.geoms[scene.ngeom], mujoco.mjtGeom.mjGEOM_SPHERE,
-                        np.array([0.004, 0.0, 0.0]), np.asarray(position, dtype=float),
+    line = scene.geoms[scene.ngeom]
+    mujoco.mjv_initGeom(line, mujoco.mjtGeom.mjGEOM_CAPSULE, np.zeros(3), np.zeros(3),
                         np.eye(3).reshape(-1), np.array([0.85, 0.2, 0.15, 1.0], dtype=np.float32))
+    mujoco.mjv_connector(line, mujoco.mjtGeom.mjGEOM_CAPSULE, 0.004,
+                         np.asarray(first, dtype=float), np.asarray(last, dtype=float))
     scene.ngeom += 1

@@ -31,7 +31,7 @@ def render_to(target: Path, joints: np.ndarray, path: np.ndarray, model: str | P
     Write a picture (``.png``) or a film (``.webp``, ``.gif``, ``.mp4``).
 
     :param joints: one posture, shape ``(n,)``, or one for each frame of a film [rad]
-    :param path: positions to draw as a line of small spheres [m], shape ``(T, 3)``
+    :param path: positions to draw as a line [m], shape ``(T, 3)``; most of it is seen
     :param model: MJCF file or name; the built-in Panda by default
     :param frame_s: time between the frames of a film [s]
     :param whole: whether the model is a whole world, in which ``joints`` are the positions of
@@ -98,6 +98,9 @@ def main(numbers: str, target: str) -> int:
                             f'{stage.model.nq}: name the model of the arm')
         encode = _h264 if partial.suffix == '.mp4' else _pillow
         with Camera(stage, (640, 480) if film else (960, 720)) as pictures:
+            stage.show(postures[len(postures) // 2])
+            if len(path):
+                pictures.aim(path)
             def images() -> Iterator[Any]:
                 for posture in postures:
                     stage.show(posture)

@@ -76,3 +76,15 @@ def test_films_and_pictures_are_written(tmp_path):
     assert render_to(tmp_path / 'film.webp', joints, path, scene) is None
     assert Image.open(tmp_path / 'film.webp').n_frames == 3
     assert sorted(p.name for p in tmp_path.iterdir()) == ['film.webp', 'one.png', 'scene.xml']
+
+
+@pytest.mark.parametrize('behind', [(-0.12, 0.1), (-0.12, -0.1), (0.12, 0.1), (0.12, -0.1)])
+def test_a_path_is_seen_wherever_it_is(tmp_path, behind):
+    from PIL import Image
+    heights = np.linspace(0.1, 0.3, 20)
+    path = np.column_stack([np.full(20, behind[0]), np.full(20, behind[1]), heights])
+    if render_to(tmp_path / 'one.png', Arm().data.qpos, path) is not None:
+        pytest.skip('no way to render off screen')
+    red, green, blue = np.asarray(Image.open(tmp_path / 'one.png')).astype(int)[..., :3].T
+    # All of it: a line of 0.2 m is 105 pixels high.
+    assert ((red > 2 * green) & (red > 2 * blue)).any(axis=0).sum() > 100
