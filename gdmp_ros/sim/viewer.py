@@ -11,7 +11,6 @@ import numpy as np
 from gdmp_ros.errors import DataError
 from gdmp_ros.sim.arm import Arm
 
-
 #: Directions in which a camera may look [°]: about the vertical, the first one by preference, and
 #: downwards; and its distance / extent of the model.
 _AROUND, _DOWN, _AWAY = (140.0, 180.0, 220.0, 260.0, 100.0, 60.0, 300.0), (-20.0, -35.0), 1.6
@@ -86,7 +85,8 @@ class Camera:
         """
         self._arm = arm
         # -1, for a model without this camera, is the default view.
-        self._camera: int | mujoco.MjvCamera = mujoco.mj_name2id(arm.model, mujoco.mjtObj.mjOBJ_CAMERA, 'overview')
+        self._camera: int | mujoco.MjvCamera = mujoco.mj_name2id(
+            arm.model, mujoco.mjtObj.mjOBJ_CAMERA, 'overview')
         _enlarge_buffer(arm.model, size)
         try:
             self._renderer = mujoco.Renderer(arm.model, size[1], size[0])
