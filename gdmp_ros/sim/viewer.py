@@ -124,7 +124,7 @@ class Camera:
     def _is_seen(self, eye: np.ndarray, position: np.ndarray) -> bool:
         hit = mujoco.mj_ray(self._arm.model, self._arm.data, eye, position - eye, None, 1, -1,
                             np.zeros(1, dtype=np.int32))
-        return hit < 0.0 or hit > 1.0
+        return bool(hit < 0.0 or hit > 1.0)
 
     def take(self, path: np.ndarray | None = None) -> np.ndarray:
         """
