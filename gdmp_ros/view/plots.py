@@ -97,7 +97,9 @@ def save(figure: Figure, path: str | Path) -> None:
 def series(axes: Any, times: np.ndarray, values: np.ndarray, names: list[str], label: str) -> None:
     """Draw columns over time, with different colours and line styles."""
     for i, name in enumerate(names):
-        axes.plot(times, values[:, i], ls=STYLES[i % 6], color=INK[i % 6], label=name, lw=1.3)
+        # After six, the colours come again with other line styles.
+        axes.plot(times, values[:, i], ls=STYLES[(i + i // 6) % 6], color=INK[i % 6], label=name,
+                  lw=1.3)
     axes.set_xlabel('time [s]')
     axes.set_ylabel(label)
     # Above the panel, where it covers no curve.

@@ -9,7 +9,7 @@ import pytest
 from gdmp_ros import Skill
 from gdmp_ros.data import recordings, runs
 from gdmp_ros.errors import DataError
-from gdmp_ros.view import pages, report_figures, style
+from gdmp_ros.view import pages, plots, report_figures, style
 from test.recorded_run import NS, recorded_run
 
 CHROMIUM = shutil.which('chromium') or shutil.which('chromium-browser') or shutil.which(
@@ -18,6 +18,13 @@ FLAGS = ('--headless=new', '--no-sandbox', '--disable-gpu', '--use-angle=swiftsh
          '--enable-unsafe-swiftshader', '--disable-background-networking', '--disable-sync',
          '--disable-component-update', '--disable-quic', '--no-first-run',
          '--enable-logging=stderr', '--virtual-time-budget=20000')
+
+
+def test_no_two_of_nine_lines_look_alike():
+    _, axes = plots.panels()
+    plots.series(axes[0, 0], np.arange(2.0), np.zeros((2, 9)), list('abcdefghi'), 'rotation')
+    assert len({(line.get_color(), str(line._dash_pattern))
+                for line in axes[0, 0].get_lines()}) == 9
 
 
 def test_ellipsoids_are_long_where_the_arm_is_stiff():
