@@ -341,8 +341,8 @@ def run_wiping(folder: Path, arm: ArmChoice, testbed: Opener = process_bed) -> i
 def _execute_wiping(folder: Path, skill: Path, height: float, period: float, arm: ArmChoice,
                     testbed: Opener) -> dict[str, Any]:
     """Wipe a table through the nodes."""
-    runs, world = folder / 'runs' / f'{skill.stem}{1e3 * height:+.0f}mm', _table(
-        folder, height, arm)
+    runs = folder / 'runs' / f'{skill.stem}{1e3 * height:+.0f}mm'
+    world = _table(folder, height, arm)
     with arm.robot(runs / 'logs', world=world), testbed(NodeTestbed, runs, arm=arm) as bed:
         bed.start_arm(world=world)
         if arm.kind == 'franka':
