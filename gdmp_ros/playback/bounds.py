@@ -42,6 +42,9 @@ _TOLERANCE = 1.0 + 1e-6
 _LEAST, _KEPT = 0.02, 0.9
 #: Time constant with which the tempo approaches what an arm allows [s].
 _ALLOWED_S = 0.2
+#: Indices of `StreamBounds.tempos`: that of the next tick, and its rate [1/s]; the largest one
+#: that an arm allows, and what of it has been reached.
+NEXT, RATE, ALLOWED, REACHED = range(4)
 
 
 class StreamBounds:
@@ -57,8 +60,7 @@ class StreamBounds:
         `bound_in_time_and_space` are:
     :ivar out: the bounded reference; None before there is one
     :ivar work: of its size
-    :ivar tempos: `tempo`, and its rate [1/s]; the largest one that is allowed, and how that is
-        approached
+    :ivar tempos: see `NEXT`
     :ivar ahead: what follows of the present motion
     """
 
@@ -80,13 +82,13 @@ class StreamBounds:
     def reset(self) -> None:
         """The next reference begins a stream."""
         self.out = None
-        self.tempos[:2] = 1.0, 0.0
-        self.tempos[3] = self.tempos[2]
+        self.tempos[:ALLOWED] = 1.0, 0.0
+        self.tempos[REACHED] = self.tempos[ALLOWED]
 
     @property
     def tempo(self) -> float:
         """Part of the time of the next tick that is to pass for the player, at most 1."""
-        return float(self.tempos[0])
+        return float(self.tempos[NEXT])
 
     def allow(self, tempo: float) -> None:
         """
@@ -94,7 +96,7 @@ class StreamBounds:
 
         :param tempo: share of the time that may pass for them, 0 … 1
         """
-        self.tempos[2] = tempo
+        self.tempos[ALLOWED] = tempo
 
     def continues(self, skill: StreamedSkill, reference: np.ndarray) -> bool:
         """Whether a reference is one of the stream that is bounded."""
@@ -179,7 +181,7 @@ def bound_in_time_and_space(target, out, table, parts, dt, work, tempo, memory, 
     :param memory: of the roll-out whose state the targets are, and what follows of it
     :returns: whether the references are bounded
     """
-    slowed = tempo[0] < 1.0 or tempo[1] != 0.0
+    slowed = tempo[NEXT] < 1.0 or tempo[RATE] != 0.0
     for i in range(target.size):
         work[i] = target[i]
     size = table[-1, FIRST] + table[-1, COUNT]
@@ -193,10 +195,10 @@ def bound_in_time_and_space(target, out, table, parts, dt, work, tempo, memory, 
             velocity[first + i] = target[speeds + i]
             acceleration[first + i] = target[changes + i]
             if slowed:
-                work[speeds + i] = tempo[0] * target[speeds + i]
-                work[changes + i] = (tempo[0] ** 2 * target[changes + i]
-                                     + tempo[1] * target[speeds + i])
-    later, rate = largest_tempo(memory, table, parts, tempo[0], tempo[0] * dt, ahead)
+                work[speeds + i] = tempo[NEXT] * target[speeds + i]
+                work[changes + i] = (tempo[NEXT] ** 2 * target[changes + i]
+                                     + tempo[RATE] * target[speeds + i])
+    later, rate = largest_tempo(memory, table, parts, tempo[NEXT], tempo[NEXT] * dt, ahead)
     _choose_tempo(velocity, acceleration, parts, dt, tempo, later, rate)
     bounded = _bound(work, out, table, parts, dt)
     return bounded or slowed
@@ -211,11 +213,11 @@ def _choose_tempo(velocity, acceleration, parts, dt, tempo, later, largest_rate)
     :param later: largest tempo with which what follows keeps the bounds
     :param largest_rate: of the tempo, as long as the present state needs no larger one [1/s]
     """
-    present = tempo[0]
-    tempo[3] += min(dt / _ALLOWED_S, 1.0) * (tempo[2] - tempo[3])
-    if abs(tempo[2] - tempo[3]) < 1e-6:
-        tempo[3] = tempo[2]
-    most, low = tempo[3], -math.inf
+    present = tempo[NEXT]
+    tempo[REACHED] += min(dt / _ALLOWED_S, 1.0) * (tempo[ALLOWED] - tempo[REACHED])
+    if abs(tempo[ALLOWED] - tempo[REACHED]) < 1e-6:
+        tempo[REACHED] = tempo[ALLOWED]
+    most, low = tempo[REACHED], -math.inf
     high = max(min(largest_rate, (later - present) / dt), -largest_rate)
     for part in parts:
         n, at, largest = abs(int(part[SIZE])), int(part[AT]), part[MOST_ACCELERATION]
@@ -242,8 +244,8 @@ def _choose_tempo(velocity, acceleration, parts, dt, tempo, later, largest_rate)
     after = min(max(present + rate * dt, _LEAST), 1.0)
     if after > 1.0 - 1e-9:
         after = 1.0
-    tempo[1] = (after - present) / dt
-    tempo[0] = after
+    tempo[RATE] = (after - present) / dt
+    tempo[NEXT] = after
 
 
 @kernel

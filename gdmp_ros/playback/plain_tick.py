@@ -12,7 +12,7 @@ import numpy as np
 
 from gdmp_ros.dmp.layout import FINISHED, SPEED
 from gdmp_ros.kernels import kernel
-from gdmp_ros.playback.bounds import bound_in_time_and_space
+from gdmp_ros.playback.bounds import bound_in_time_and_space, NEXT
 from gdmp_ros.playback.channels import advance_references
 from gdmp_ros.playback.look_ahead import LookAhead
 from gdmp_ros.playback.states import State
@@ -59,7 +59,7 @@ def plain_tick(motion, dt):
     """
     ends = motion.counts[ENDS]
     if ends != RESTS:
-        motion.state[0] = motion.tempo[0] * dt
+        motion.state[0] = motion.tempo[NEXT] * dt
         advance_references(motion.memory, motion.state, motion.table, motion.target)
         finished = motion.memory[FINISHED] != 0.0
         if (ends == FINISHES and finished or ends == GOES_ON_AGAIN and not finished

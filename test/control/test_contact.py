@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from gdmp_ros.control.contact import described, feel
+from gdmp_ros.control.friction import without_friction
 from gdmp_ros.control.joint_motion import PostureMotion
 from gdmp_ros.control.limits import WRENCH_LIMIT
 from gdmp_ros.control.modes import ArmMode
@@ -46,6 +47,12 @@ def press(gain, height, force=10.0, seconds=3.0, plant=CLEAN, **settings):
         ticks.append(tick._replace(measurement=tick.measurement._replace(
             pose=tick.measurement.pose.copy())))
     return np.array([tick.wrench[2] for tick in ticks]), ticks
+
+
+def test_known_friction_of_a_joint_that_moves_is_no_external_torque():
+    dry, external, result = np.array([1.1, 1.1, 0.0]), np.array([3.0, -1.1, 2.0]), np.empty(3)
+    without_friction(external, np.array([-0.5, 0.5, 0.5]), dry, 0.02, result)
+    assert result == pytest.approx([3.0 - 1.1, 0.0, 2.0])
 
 
 @on_every_plant

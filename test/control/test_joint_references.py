@@ -3,12 +3,14 @@ import numpy as np
 import pytest
 
 from experiments.energy_audit import Audit
+from gdmp_ros.control.joint_spring import CATCH_UP
 from gdmp_ros.control.joint_target import resting_joints
-from gdmp_ros.control.limits import ENERGY, JOINT_POSITION
+from gdmp_ros.control.limits import ENERGY, JOINT_POSITION, JOINT_SPEED
 from gdmp_ros.control.modes import ArmMode, StreamMode
 from gdmp_ros.control.reference_check import Origin
 from gdmp_ros.control.settings import ControllerSettings, LimitSettings, TankSettings
 from gdmp_ros.control.target import resting_target
+from gdmp_ros.control.torque_limits import SPEED_MARGIN
 from gdmp_ros.sim import Arm, ClosedLoop
 from gdmp_ros.sim.plant import REAL
 
@@ -52,6 +54,15 @@ def test_a_motion_of_the_joints_is_followed():
     assert loop.controller.guard.mode is ArmMode.FOLLOW
     assert np.sqrt(np.mean(errors ** 2)) < 2e-3
     assert np.abs(errors).max() < 8e-3
+
+
+def test_a_motion_that_is_too_fast_says_by_how_much():
+    fastest, amplitude = 0.3, 0.2
+    loop = loop_of(limits=LimitSettings(joint_speed=fastest))
+    said = []
+    swing(loop, np.full(7, amplitude), 1.0, lambda tick: said.append(tick.violation[JOINT_SPEED]))
+    beyond = amplitude * np.pi - SPEED_MARGIN * fastest
+    assert beyond < max(said) <= beyond + CATCH_UP
 
 
 def test_a_motion_must_begin_near_the_joints_and_at_their_velocity():

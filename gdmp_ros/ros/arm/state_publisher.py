@@ -22,8 +22,8 @@ from gdmp_ros.ros.messages import fill_robot_state, ROBOT_STATE_FIXED, robot_sta
 from gdmp_ros.ros.middleware import DEEP
 from gdmp_ros.ros.serialized import SerializedTemplate
 
-#: Messages for viewers between two looks for subscribers.
-LOOK_EVERY = 10
+#: Messages for viewers between two looks for subscribers, and between two of the links.
+LOOK_EVERY, LINKS_EVERY = 10, 2
 _NOTHING = np.empty(0)
 
 
@@ -107,7 +107,7 @@ class StatePublisher:
             turn += 1
             if turn % LOOK_EVERY == 0:
                 self._check()
-            self._show()
+            self._show(turn % LINKS_EVERY == 0)
         return periodic(step, round(NS / self._rate_hz), clock)
 
     def _check(self) -> None:
@@ -115,10 +115,11 @@ class StatePublisher:
         self.tf.check()
         self.written[3] = self._state.has_subscribers
 
-    def _show(self) -> None:
-        """Publish the last tick to those who look."""
-        shown = self._pose, self._applied, self._requested, self._joints, self.tf
-        if not any(one.has_subscribers for one in shown):
+    def _show(self, links: bool) -> None:
+        """Publish the last tick to those who look; the links, too, if wanted."""
+        links &= self.tf.has_subscribers
+        shown = self._pose, self._applied, self._requested, self._joints
+        if not (links or any(one.has_subscribers for one in shown)):
             return
         numbers, stamp_ns = self.last()
         joints = numbers[ROBOT_STATE_FIXED:][:3 * self._count]
@@ -130,5 +131,5 @@ class StatePublisher:
             self._requested.publish(numbers[55:91])
         if self._joints.has_subscribers:
             self._joints.publish(joints, stamp_ns)
-        if self.tf.has_subscribers:
+        if links:
             self.tf.publish(np.concatenate([joints[:self._count], self.others()]), stamp_ns)
