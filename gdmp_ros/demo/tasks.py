@@ -181,13 +181,17 @@ def _among_objects(bed: NodeTestbed) -> dict[str, Any]:
     return document
 
 
-def _start(bed: NodeTestbed, task: str, **server: Any) -> None:
-    """Start arm and server with the skill; a Franka goes to its home posture first."""
-    print('starting arm and server', flush=True)
-    margin: dict[str, Any] = clutter.MARGIN if task == 'clutter' else {}
-    bed.start_arm(world=_world(task), **margin)
+def _start_arm(bed: NodeTestbed, world: dict[str, Any], **parameters: Any) -> None:
+    """Start the arm; a Franka goes to its home posture."""
+    bed.start_arm(world=world, **parameters)
     if bed.arm.kind == 'franka':
         move_joints(bed.client, bed.arm.node)
+
+
+def _start(bed: NodeTestbed, task: str, **server: Any) -> None:
+    """Start arm and server with the skill."""
+    print('starting arm and server', flush=True)
+    _start_arm(bed, _world(task), **(clutter.MARGIN if task == 'clutter' else {}))
     bed.start_server(skill=str(bed.folder / 'skill.json'), **server)
     bed.wait_holding()
 
@@ -344,9 +348,7 @@ def _execute_wiping(folder: Path, skill: Path, height: float, period: float, arm
     runs = folder / 'runs' / f'{skill.stem}{1e3 * height:+.0f}mm'
     world = _table(folder, height, arm)
     with arm.robot(runs / 'logs', world=world), testbed(NodeTestbed, runs, arm=arm) as bed:
-        bed.start_arm(world=world)
-        if arm.kind == 'franka':
-            move_joints(bed.client, bed.arm.node)
+        _start_arm(bed, world)
         bed.start(server={'skill': str(skill.resolve()), 'wrench_gain': GAIN})
         # On a table that is elsewhere the tool does not reach the reference, and need not.
         bed.client.execute(ExecuteSkill.Goal(
