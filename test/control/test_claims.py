@@ -63,6 +63,23 @@ def test_a_wrong_twist_is_not_used(plant, poses, claim):
     assert guard.refused == 1 and 'twist of the references is not that' in guard.last_refusal
 
 
+@on_every_plant
+@pytest.mark.parametrize('axis', range(3))
+def test_a_wrong_rotation_is_not_used(plant, axis):
+    loop = plant.loop()
+    home, guard, away = loop.arm.measure().pose.copy(), loop.controller.guard, 0.0
+    for k in range(1500):
+        target = resting_target(home)
+        target[10 + axis] = 2.0 if k > 200 else 0.0
+        guard.offer(target, Origin('panda_link0', 0.0, k + 1))
+        pose = loop.tick().measurement.pose
+        away = max(away, 2.0 * np.arccos(min(abs(home[3:] @ pose[3:]), 1.0)))
+        guard.look()
+    # What a twist may be wrong by before it is not used.
+    assert away < 0.005
+    assert guard.refused == 1 and 'twist of the references is not that' in guard.last_refusal
+
+
 def test_a_right_twist_is_used_although_messages_come_late_and_together(rng):
     usual = furthest(CLEAN.loop(), circle, np.copy, 3.0)
     loop = CLEAN.loop()

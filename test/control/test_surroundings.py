@@ -19,6 +19,7 @@ from gdmp_ros.control.surroundings import (
 )
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.manifolds.poses import compose
+from gdmp_ros.manifolds.quaternion import rotate_by_vector
 from gdmp_ros.scene import Scene, Volume
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.closed_loop import ClosedLoop
@@ -89,6 +90,32 @@ def test_what_may_touch_and_what_comes(rng):
     packed = Scene([near], MARGIN).packed(arm.shape.bits)
     assert found_rows(arm, arm.home, packed)[3] == 0.0
     assert found_rows(arm, arm.home, packed, 0.2)[1].min() < -0.1
+
+
+def test_a_volume_that_turns_comes_as_fast_as_the_distance_shrinks(rng):
+    arm, step, checked = Arm(), 1e-5, 0
+    bar = volume(arm.pose_at(arm.home)[:3] + [0.0, 0.15, 0.05], 'box', (0.5, 0.04, 0.06))
+
+    def packed(twist, seconds=0.0):
+        pose = bar.pose.copy()
+        pose[:3] += seconds * twist[:3]
+        rotate_by_vector(pose[3:], seconds * twist[3:], pose[3:])
+        return Scene([bar.at(pose, twist)], 0.5).packed(arm.shape.bits)
+    still, bounds, links, *_ = found_rows(arm, arm.home, packed(np.zeros(6)), 10.0)
+    for twist in rng.uniform(-0.3, 0.3, (30, 6)):
+        before, after = (depths(arm.chain, arm.shape, arm.home, packed(twist, seconds))[0]
+                         for seconds in (-step, step))
+        rows, moving, *_ = found_rows(arm, arm.home, packed(twist), 10.0)
+        for link in set(links):
+            # Of the places of a link, the nearest one.
+            nearest = min(np.flatnonzero(links == link), key=lambda k: bounds[k])
+            same = np.flatnonzero((rows == still[nearest]).all(axis=1))
+            if len(same):
+                shrinks = (after[link] - before[link]) / (2.0 * step)
+                assert bounds[nearest] - moving[same[0]] == pytest.approx(max(shrinks, 0.0),
+                                                                          abs=1e-3)
+                checked += shrinks > 0.0
+    assert checked > 50
 
 
 def test_only_what_the_arm_does_pushes_it_back():
