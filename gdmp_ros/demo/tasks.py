@@ -61,8 +61,9 @@ HEIGHTS = (-0.02, 0.0, 0.02)
 #: Cycles that are executed; the first one is the entry and does not count.
 CYCLES = 4
 #: Largest distance of the tool from the reference at the end [m, rad]: the height of a table is
-#: not known.
-TABLE_TOLERANCE = (0.04, 0.05)
+#: not known, and the dry friction of two joints of a wrist (1.1 Nm each, on a Franka) may hold
+#: against the springs (30 Nm/rad).
+TABLE_TOLERANCE = (0.04, 0.08)
 #: Rate at which the measured force is corrected [1/s].
 GAIN = 5.0
 #: Standard deviation of the noise of the sensors [m, N].
@@ -334,10 +335,11 @@ def run_wiping(folder: Path, arm: ArmChoice, testbed: Opener = process_bed) -> i
         and not item['error'] and not item['limits_broken'] for item in kept)
     write_json(folder / 'report.json', figures)
     table('force on the table', ['skill', 'table [mm]', 'force RMSE [N]', 'mean force [N]',
-                                 'least energy in the tank [J]', 'limits'],
+                                 'least energy in the tank [J]', 'limits', 'ended'],
           [[figure['skill'], f'{1e3 * figure["height_m"]:+.0f}', f'{figure["force_rmse_n"]:.2f}',
             f'{figure["mean_force_n"]:.2f}', f'{figure["least_tank_j"]:.2f}',
-            ', '.join(figure['limits_broken']) or 'kept'] for figure in figures['tables']])
+            ', '.join(figure['limits_broken']) or 'kept',
+            figure['error'] or 'at the goal'] for figure in figures['tables']])
     print(f'report: {folder / "report.json"}')
     return 0 if figures['succeeded'] else 1
 
