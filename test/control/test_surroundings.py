@@ -212,12 +212,15 @@ def test_what_is_not_seen_again_stands_where_it_was():
     start = loop.arm.measure().pose
     far = start[:3] + [0.0, 0.8, 0.0]
     ball = Volume('ball', 'sphere', (0.05,), np.concatenate([far, [1.0, 0.0, 0.0, 0.0]]),
-                  np.array([0.0, -0.4, 0.0, 0.0, 0.0, 0.0]))
+                  np.array([0.1, -0.4, 0.05, 0.3, -0.2, 0.5]))
     loop.controller.surround(Scene([ball], MARGIN))
     for _ in range(1000):
         loop.tick()
     row = loop.controller.memory.volumes[0]
-    assert row[5] == pytest.approx(far[1] - 0.4 * LAST_SEEN_S, abs=2e-3)
+    turned = ball.pose[3:].copy()
+    rotate_by_vector(turned, LAST_SEEN_S * ball.twist[3:], turned)
+    assert row[4:7] == pytest.approx(far + LAST_SEEN_S * ball.twist[:3], abs=2e-3)
+    assert row[7:11] == pytest.approx(turned, abs=2e-3)
     assert not row[11:17].any() and loop.controller.scale == 1.0
 
 
