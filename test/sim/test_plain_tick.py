@@ -44,6 +44,9 @@ def test_the_motion_is_the_same_to_the_bit(loops, monkeypatch):
     expected = one_by_one(one, references)
     monkeypatch.setattr(other, 'tick', lambda: ticks.append(0) or tick())
     assert np.array_equal(other.follow_all(references), expected)
+    twists = [loop.controller.memory.twist for loop in loops]
+    np.testing.assert_allclose(*twists, atol=1e-12)  # the sums have another order
+    assert np.abs(twists[0]).max() > 0.01
     # Only the first of a motion is not one that goes on.
     assert len(ticks) == 1
     # Then both are lost, come to rest and hold.
