@@ -351,7 +351,8 @@ def _execute_wiping(folder: Path, skill: Path, height: float, period: float, arm
     world = _table(folder, height, arm)
     with arm.robot(runs / 'logs', world=world), testbed(NodeTestbed, runs, arm=arm) as bed:
         _start_arm(bed, world)
-        bed.start(server={'skill': str(skill.resolve()), 'wrench_gain': GAIN})
+        bed.start(server={'skill': str(skill.resolve()), 'wrench_gain': GAIN,
+                          'lag_position': TABLE_TOLERANCE[0]})
         # On a table that is elsewhere the tool does not reach the reference, and need not.
         bed.client.execute(ExecuteSkill.Goal(
             cycles=float(CYCLES), robot_position_tolerance=TABLE_TOLERANCE[0],
