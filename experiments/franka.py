@@ -18,7 +18,7 @@ import numpy as np
 
 from experiments.franka_page import run_page
 from gdmp_ros.demo.run import run_demo
-from gdmp_ros.demo.tasks import run_task, run_wiping
+from gdmp_ros.demo.tasks import run_task
 from gdmp_ros.errors import GdmpError
 from gdmp_ros.franka.bare_client import exchange
 from gdmp_ros.franka.protocol_server import HOST
@@ -114,10 +114,7 @@ def task(name: str, folder: Path, friction: Path) -> dict[str, Any]:
     """Report of a task, or why it failed."""
     choice = ArmChoice('franka', protocol_server=True, parameter_files=(friction,))
     try:
-        if name == 'wipe':
-            run_wiping(folder, choice)
-        else:
-            run_task(name, folder, choice)
+        run_task(name, folder, choice)
     except GdmpError as error:
         return {'error': str(error), 'succeeded': False}
     return dict(json.loads((folder / 'report.json').read_text()))

@@ -62,10 +62,8 @@ def run(options: argparse.Namespace) -> int:
         return run_tray(options.out)
     with optional_import(ROS):
         from gdmp_ros.demo.run import run_demo
-        from gdmp_ros.demo.tasks import run_task, run_wiping
+        from gdmp_ros.demo.tasks import run_task
         arm = arm_choice(options)
-    if options.task == 'wipe':
-        return run_wiping(options.out, arm)
     if options.task != TASKS[0]:
         return run_task(options.task, options.out, arm)
     return run_demo(options.out, options.name, arm)

@@ -97,11 +97,13 @@ def run_task(task: str, folder: Path, arm: ArmChoice, testbed: Opener = process_
     """
     Show a task to a simulated arm by hand, learn it, and let an arm execute it.
 
-    :param task: ``pick``, ``joints``, ``objects`` or ``clutter``
+    :param task: ``pick``, ``joints``, ``objects``, ``clutter`` or ``wipe`` (`run_wiping`)
     :param testbed: see `gdmp_ros.ros.clients.testbed.process_bed`
     :returns: exit code: 0 if it succeeded
     :raises GdmpError: if something does not happen in time
     """
+    if task == 'wipe':
+        return run_wiping(folder, arm, testbed)
     interrupt_on_sigterm()
     arm.check()
     folder.mkdir(parents=True, exist_ok=True)

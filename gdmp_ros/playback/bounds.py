@@ -82,7 +82,7 @@ class StreamBounds:
     def reset(self) -> None:
         """The next reference begins a stream."""
         self.out = None
-        self.tempos[:ALLOWED] = 1.0, 0.0
+        self.tempos[NEXT], self.tempos[RATE] = 1.0, 0.0
         self.tempos[REACHED] = self.tempos[ALLOWED]
 
     @property

@@ -98,8 +98,8 @@ def main(numbers: str, target: str) -> int:
                             f'{stage.model.nq}: name the model of the arm')
         encode = _h264 if partial.suffix == '.mp4' else _pillow
         with Camera(stage, (640, 480) if film else (960, 720)) as pictures:
-            stage.show(postures[len(postures) // 2])
             if len(path):
+                stage.show(postures[len(postures) // 2])
                 pictures.aim(path)
             def images() -> Iterator[Any]:
                 for posture in postures:

@@ -12,9 +12,9 @@ NAME = 'protocol_server'
 class Server:
     """Starts, kills and starts again."""
 
-    def __init__(self, folder, environment, host=HOST, prefix=()):
+    def __init__(self, folder, environment, host=HOST, prefix=(), arguments=()):
         self.children = ChildProcesses(environment, folder)
-        self.host, self._prefix = host, prefix
+        self.host, self._prefix, self._arguments = host, prefix, arguments
 
     def __enter__(self):
         self.start()
@@ -23,8 +23,8 @@ class Server:
     def __exit__(self, *_):
         self.children.stop_all()
 
-    def start(self, *arguments):
-        self.children.start(NAME, 'gdmp_ros.franka.protocol_server', arguments, self._prefix)
+    def start(self):
+        self.children.start(NAME, 'gdmp_ros.franka.protocol_server', self._arguments, self._prefix)
         await_server(self.children.check, self.host)
 
     def kill(self):
