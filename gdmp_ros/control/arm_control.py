@@ -7,9 +7,9 @@ import numpy as np
 
 from gdmp_ros.control.arm_driver import ArmDriver, ArmStopped
 from gdmp_ros.control.arm_states import ArmStates, Request, State
-from gdmp_ros.control.controller import ImpedanceController, WAITS
-from gdmp_ros.control.governor import TOOL_SPEED_SHARE
+from gdmp_ros.control.controller import ImpedanceController
 from gdmp_ros.control.joint_motion import Braking, JointMotion
+from gdmp_ros.control.joint_path import JointPath, NO_PATH
 from gdmp_ros.control.joint_target import joint_target_size, resting_joints
 from gdmp_ros.control.law import compare_with
 from gdmp_ros.control.limits import LIMITS
@@ -19,13 +19,11 @@ from gdmp_ros.control.reference_check import Origin
 from gdmp_ros.control.reference_kinds import MeasuredMotion
 from gdmp_ros.control.settings import ControllerSettings
 from gdmp_ros.control.target import resting_target, whole_target
-from gdmp_ros.errors import DataError, RefusedError
+from gdmp_ros.errors import RefusedError
 
 #: In these the joints are moved; in these nothing keeps the posture of the null space.
 _OF_JOINTS = (State.MOVING, State.IDENTIFYING)
 _FREE = (*_OF_JOINTS, State.GUIDED, State.COMPLIANT)
-#: A motion of the joints that waits for longer is ended [s].
-LONGEST_WAIT_S = 10.0
 
 
 class ArmControl:
@@ -54,8 +52,6 @@ class ArmControl:
         self.joint_motion_problem = ''
         self._planned: JointMotion | None = None
         self._braking: Braking | None = None
-        # Of a motion of the joints: its tempo in the last tick, and how long it has waited [s].
-        self._last_tempo, self._waited = 1.0, 0.0
 
     def hold(self, measured: Measurement) -> None:
         """Hold the arm where it is, as after the start."""
@@ -77,8 +73,8 @@ class ArmControl:
             self.compute(measured, dt)
         compare_with(self.controller.numbers, np.tile(self.controller.memory.last, (2, 1)),
                      self.joints.cycle)
-        self.controller.share_of(measured.velocity, dt)
-        self.controller.move_joints(measured, measured.position, measured.velocity, dt)
+        self.controller.move_joints(measured, Braking(measured.position, measured.velocity,
+                                                      dt).path, dt)
         self.controller.move_tool(measured.pose, measured.pose, self.driver.end_pose)
         self.controller.surround(self.controller.scene)
         self.compute(measured, dt)
@@ -258,51 +254,43 @@ class ArmControl:
         if self._planned is not None and self.states.state in _OF_JOINTS:
             self.joint_motion, self._planned = self._planned, None
             self.joint_motion.begin(measured.position)
-            self._last_tempo, self._waited = 1.0, 0.0
         motion = self._present_motion
         if motion is None:
             return self.controller.tick(measured, dt)
-        position, velocity = motion.target()
-        tempo = self._tempo(motion, measured, velocity, dt)
-        result = self.controller.move_joints(measured, position, tempo * velocity, dt)
-        if motion is not self._present_motion:
-            return result  # a collision has ended it
-        try:
-            motion.add(measured, result.torque, tempo * dt)
-            self._check_waits(motion, dt)
-        except DataError as error:
-            # What holds the arm would be pushed on by joints that come to rest on their way.
-            self.joint_motion, self.joint_motion_problem = None, str(error)
-            self.states.take(Request.ARRIVED)
-        else:
-            if motion.done:
-                self.states.take(Request.ARRIVED)
+        result = self.controller.move_joints(measured, motion.path, dt)
+        self._look_at(motion)
         return result
 
-    def _check_waits(self, motion: JointMotion, dt: float) -> None:
-        """:raises DataError: if a motion has waited for too long, or may not wait at all"""
-        scale = self.controller.scale
-        self._waited = self._waited + dt if scale < WAITS else 0.0
-        if self._waited > LONGEST_WAIT_S:
-            raise DataError(f'it waited {LONGEST_WAIT_S:g} s for {self.controller.blocked}')
-        if motion.request is Request.IDENTIFY and scale < 1.0:
-            raise DataError('the arm was slowed down by what is around it: nothing was measured')
+    def end_tick(self, event: int) -> Tick:
+        """End a tick of a kernel after which the arm does something else, or has no torque."""
+        motion = self._present_motion
+        result = self.controller.end_tick(event)
+        if motion is not None:
+            self._look_at(motion)
+        return result
 
-    def _tempo(self, motion: JointMotion, measured: Measurement, velocity: np.ndarray, dt: float
-               ) -> float:
-        """
-        Part of the time that passes for a motion of the joints.
+    @property
+    def only_goes_on(self) -> bool:
+        """Whether no request, setting or motion begins with the next tick; see `path`."""
+        begins = self._planned is not None and self.states.state in _OF_JOINTS
+        return not begins and self.controller.only_goes_on
 
-        The tool is not too fast; beside what is in the way or comes nearer, and while the arm is
-        held, it waits.
-        """
-        if motion.request is Request.STOP:
-            return 1.0  # one that comes to rest is not kept from it
-        speed = float(np.linalg.norm(measured.jacobian[:3] @ velocity))
-        largest = TOOL_SPEED_SHARE * self.controller.settings.limits.tool_speed
-        self._last_tempo = min(self.controller.share_of(velocity, dt),
-                               largest / max(speed, largest))
-        return self._last_tempo
+    @property
+    def path(self) -> JointPath:
+        """On which the joints move now."""
+        motion = self._present_motion
+        return NO_PATH if motion is None else motion.path
+
+    def _look_at(self, motion: JointMotion) -> None:
+        """End a motion of the joints that has been made, or cannot go on."""
+        if motion is not self._present_motion:
+            return  # a collision has ended it
+        if motion.failed:
+            # What holds the arm would be pushed on by joints that come to rest on their way.
+            self.joint_motion_problem = motion.problem(self.controller.blocked)
+            self.joint_motion = None
+        if motion.failed or motion.done:
+            self.states.take(Request.ARRIVED)
 
     @property
     def _present_motion(self) -> JointMotion | None:
@@ -322,8 +310,7 @@ class ArmControl:
         if before in _OF_JOINTS and motion is not None and not motion.done:
             self.joint_motion, self.joint_motion_problem = None, self._why_ended()
             if state is State.STOPPING:
-                position, velocity = motion.target()
-                self._braking = Braking(position, self._last_tempo * velocity,
+                self._braking = Braking(*motion.target(),
                                         self.controller.settings.guard.stop_time)
         if state is State.FAULT:
             self.controller.tank.empty()

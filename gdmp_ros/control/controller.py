@@ -1,21 +1,23 @@
 """Impedance controller: reference guard, and the compiled tick of the law."""
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from gdmp_ros.control import contact, memory
-from gdmp_ros.control.arm_states import ArmStates, Request, State
+from gdmp_ros.control.arm_states import ArmStates, Request
 from gdmp_ros.control.friction import friction_of
-from gdmp_ros.control.governor import HELD_IN_S, share_of_way
 from gdmp_ros.control.guard import ReferenceGuard
 from gdmp_ros.control.impedance import external_wrench
+from gdmp_ros.control.joint_path import ENDS, JointPath, make_way, WAITS
 from gdmp_ros.control.joint_spring import joint_springs
 from gdmp_ros.control.kinematics import Chain
-from gdmp_ros.control.law import compute, finish, hold_tool, NOT_FINITE
+from gdmp_ros.control.law import compute, finish, hold_tool, let_move, NOT_FINITE
 from gdmp_ros.control.limit_rows import row_name
 from gdmp_ros.control.limits import LimitCounters
 from gdmp_ros.control.measurement import JointLimits, Measurement, Tick
-from gdmp_ros.control.memory import FREE, JOINT_MOTION, JOINT_SPRINGS, TOOL_SPRING
+from gdmp_ros.control.memory import JOINT_MOTION, JOINT_SPRINGS, TOOL_SPRING
 from gdmp_ros.control.modes import ArmMode
 from gdmp_ros.control.own_body import (
     Body,
@@ -31,6 +33,7 @@ from gdmp_ros.control.reference_kinds import MeasuredMotion
 from gdmp_ros.control.settings import ControllerSettings
 from gdmp_ros.control.spring import moved_with_tool, spring_wrench, stored_energy
 from gdmp_ros.control.stiffness import diagonal_bounds
+from gdmp_ros.control.stream import free_damping
 from gdmp_ros.control.surroundings import depths, NEARER_M, SLACK
 from gdmp_ros.control.tank import EnergyTank
 from gdmp_ros.control.target import POSE, STIFFNESS, WRENCH
@@ -41,16 +44,12 @@ from gdmp_ros.manifolds.linalg import is_finite
 from gdmp_ros.scene.scene import Scene
 from gdmp_ros.util.settings import numbers
 
-#: Joint damping of an arm that a hand moves [Nm s/rad]: it comes to rest when the hand lets go.
-FREE_DAMPING = {State.COMPLIANT: 5.0, State.GUIDED: 2.0}
 #: A hand may guide an arm whose motors hold no more than this at the tool beyond the model [N].
 UNEXPLAINED_N = 3.0
 #: Friction of a guided arm beside the force that is unexplained.
 FRICTION_SHARE = 1.5
 #: Joints are checked at this distance on their way [rad].
 WAY_STEP = 0.02
-#: A motion of the joints with a smaller share of its speed waits.
-WAITS = 0.02
 #: A reference is blocked that has made no way for this time [s].
 BLOCKED_S = 0.5
 _NOTHING = np.zeros(36)
@@ -85,15 +84,16 @@ class ImpedanceController:
         :raises ParameterError: if the settings do not fit the joints
         """
         settings = settings or ControllerSettings()
-        self.states, self.posture = states or ArmStates(), Posture(joints)
+        self.states = states or ArmStates()
         self._joints, self._model_friction, self._chain = joints, friction, chain
         body = body.with_load()
         self._next: ControllerSettings | None = None
         self._next_scene: Scene | None = None
         self.scene = Scene()
-        self._refills, self._way = False, 1.0
+        self._refills = False
         self.numbers = memory.blank(len(joints.torque), len(body.capsules), len(body.pairs))
         self.memory = memory.parts(self.numbers)
+        self.posture = Posture(joints, self.memory)
         self.memory.scalars.cycle = joints.cycle
         self.memory.frames[:], self.memory.axes[:] = chain
         self.memory.capsules[:], self.memory.pairs[:] = body.capsules, body.pairs
@@ -239,10 +239,9 @@ class ImpedanceController:
 
     def tick(self, measured: Measurement, dt: float) -> Tick:
         """Compute the torque for the next ``dt`` seconds."""
-        damping = FREE_DAMPING.get(self.states.state)
-        if damping is not None:
-            self.memory.scalars.free_damping = damping
-            return self._without_reference(measured, FREE, dt)
+        damping = free_damping(self.guard.numbers)
+        if damping > 0.0:
+            return self._without_reference(measured, dt, lambda: let_move(self.numbers, damping))
         self._take_settings()
         (arm, twist), guard = self._measured(measured, dt), self.guard
         known = is_finite(measured.pose) and is_finite(twist)
@@ -253,10 +252,6 @@ class ImpedanceController:
         else:
             does, arm.target[:] = TOOL_SPRING, target
             requested = target[STIFFNESS:STIFFNESS + 36].copy()
-        if does != arm.scalars.law:
-            self.posture.hold(measured.position)
-        if does == TOOL_SPRING:
-            arm.posture[:] = self.posture.advance(dt)
         arm.scalars.does = does
         self._answer(compute(self.numbers), measured)
         if known:
@@ -266,9 +261,9 @@ class ImpedanceController:
 
     @property
     def only_goes_on(self) -> bool:
-        """Whether no setting or posture changes: then a kernel can make the next tick."""
-        asked = self._next is not None or self._next_scene is not None or self._refills
-        return not (asked or self.posture.changes or self.memory.scalars.law != TOOL_SPRING)
+        """Whether no setting changes: then a kernel can make the next tick."""
+        return not (self._next is not None or self._next_scene is not None or self._refills
+                    or self.memory.scalars.law != TOOL_SPRING)
 
     def catch_up(self) -> None:
         """Know where the robot is, after ticks that a kernel has made."""
@@ -285,28 +280,28 @@ class ImpedanceController:
             arm.inertia.copy(), arm.bias.copy(), arm.external.copy(), arm.acceleration.copy(),
             arm.scalars.potential)
         self.catch_up()
+        mode, springs = self.states.state.mode, arm.scalars.does == TOOL_SPRING
         self._answer(event, measured)
         return self._tick(measured, arm.twist.copy(),
-                          arm.target[STIFFNESS:STIFFNESS + 36].copy(), None)
+                          arm.target[STIFFNESS:STIFFNESS + 36].copy() if springs else _NOTHING,
+                          None, None if springs else mode)
 
     def _answer(self, event: int, measured: Measurement) -> None:
         """Do what an event of the law asks for."""
         if event == NOT_FINITE:
             self._recover(measured)
             finish(self.numbers, True)
-        elif event:
+        elif event and event != ENDS:
             self._react(event)
 
-    def move_joints(self, measured: Measurement, position: np.ndarray, velocity: np.ndarray,
-                    dt: float) -> Tick:
+    def move_joints(self, measured: Measurement, path: JointPath, dt: float) -> Tick:
         """
-        Compute the torque for the next ``dt`` seconds of an arm that follows joint positions.
+        Compute the torque for the next ``dt`` seconds of an arm that makes a motion of the joints.
 
         For slow motions; all limits and the reaction to collisions stay in force. From the next
         `tick` on the arm is held where it is.
         """
-        self.memory.wanted[:], self.memory.wanted_rate[:] = position, velocity
-        return self._without_reference(measured, JOINT_MOTION, dt)
+        return self._without_reference(measured, dt, lambda: make_way(self.numbers, path, dt))
 
     def move_tool(self, before: np.ndarray, after: np.ndarray, end: np.ndarray) -> None:
         """
@@ -372,7 +367,7 @@ class ImpedanceController:
         Empty if it makes way.
         """
         scalars = self.memory.scalars
-        if self._moving and self._way < WAITS:
+        if self._moving and scalars.share < WAITS:
             nearest = self.clearance[1]
             return self._held or (f'what is near: {nearest}' if nearest else 'what is around')
         if scalars.blocked < BLOCKED_S:
@@ -403,30 +398,13 @@ class ImpedanceController:
         """Share of the speed that is left, beside what comes nearer or is not known any more."""
         scalars = self.memory.scalars
         if self._moving:
-            return self._way
+            return float(scalars.share)
         return float(min(scalars.slowed if len(self.scene) else 1.0, scalars.allowed))
 
     @property
     def _moving(self) -> bool:
         """Whether a motion of the joints goes on."""
         return bool(self.memory.scalars.does == JOINT_MOTION)
-
-    def share_of(self, velocity: np.ndarray, dt: float) -> float:
-        """
-        Share of the speed that is left to a motion of the joints; it grows slowly.
-
-        What is in the way or comes nearer takes the rest, and whether the arm is held.
-
-        :param velocity: that is wanted [rad/s]
-        :param dt: time since the last tick of the motion [s]
-        """
-        scalars, share = self.memory.scalars, float(share_of_way(self.numbers, velocity))
-        # A motion of the joints has no reference that stands: the measured arm does.
-        beside = scalars.left if len(self.scene) and (
-            self.settings.limits.retreat_speed == 0.0) else 1.0
-        before = self._way if self._moving else 1.0
-        self._way = float(min(share, beside, scalars.allowed, before + dt / HELD_IN_S))
-        return self._way
 
     @property
     def reference(self) -> np.ndarray:
@@ -444,19 +422,17 @@ class ImpedanceController:
         arm.twist[:], arm.scalars.dt = twist, dt
         return arm, twist
 
-    def _without_reference(self, measured: Measurement, does: int, dt: float) -> Tick:
+    def _without_reference(self, measured: Measurement, dt: float, compute: Callable[[], int]
+                           ) -> Tick:
         """Gravity is compensated, and there is no stiffness."""
         self._take_settings()
-        arm, twist = self._measured(measured, dt)
-        self.posture.hold(measured.position)
+        _, twist = self._measured(measured, dt)
         self.guard.measure(dt, MeasuredMotion(measured.pose, twist, measured.position,
                                               measured.velocity))
         self.guard.hold(measured.pose)
-        arm.scalars.does = does
         # A collision ends what the arm does after this tick.
-        mode, event = self.states.state.mode, compute(self.numbers)
-        if event:
-            self._react(event)
+        mode = self.states.state.mode
+        self._answer(compute(), measured)
         return self._tick(measured, twist, _NOTHING, None, mode)
 
     def _tick(self, measured: Measurement, twist: np.ndarray, requested: np.ndarray,

@@ -19,7 +19,6 @@ from gdmp_ros.control.settings import GuardSettings, LimitSettings
 from gdmp_ros.control.target import TARGET_SIZE
 from gdmp_ros.kernels import records_at
 from gdmp_ros.manifolds.quaternion import pose_distance
-from gdmp_ros.util.profiles import smoothstep
 
 #: Reason of a stop because the stream has ended without saying so.
 NO_REFERENCE = 'no reference for'
@@ -54,15 +53,16 @@ class ReferenceGuard:
         :param limits: of the arm
         :param states: of the arm; by default of one that does nothing but follow
         """
-        self.numbers = stream.blank()
+        self.numbers = stream.blank(joints)
+        stopped = stream.newest(self.numbers)
         self._stream = records_at(self.numbers, 0, 1, stream.STREAM)[0]
         self.held = np.zeros(max(7, joints))
         self._use(settings, limits)
         self.states = states or ArmStates()
         self.states.watchers.append(self._entered)
         self._stream.state = stream.number_of(self.states.state)
-        self._tool = PoseReferences(pose, damping_ratio)
-        self._joints = JointReferences(joints, damping_ratio)
+        self._tool = PoseReferences(pose, damping_ratio, stopped.stopped[:6])
+        self._joints = JointReferences(joints, damping_ratio, stopped.stopped_joints)
         self.forget_stream()
         self.restart(MeasuredMotion(pose.copy(), np.zeros(6)))
 
@@ -110,9 +110,9 @@ class ReferenceGuard:
         return bool(self._stream.armed > 0.0)
 
     @property
-    def tool_target(self) -> np.ndarray:
-        """The target of the tool: the same array every time."""
-        return self._tool.target
+    def targets(self) -> tuple[np.ndarray, np.ndarray]:
+        """The targets of the tool and of the joints: the same arrays every time."""
+        return self._tool.target, self._joints.target
 
     def offer(self, target: np.ndarray, origin: Origin) -> bool:
         """
@@ -143,10 +143,8 @@ class ReferenceGuard:
             return False
         begins = not self.following
         known.of_joints = float(kind is self._joints)
-        shift = stream.use(self.numbers, kind.target, target, age, float(origin.stamp),
-                           float(origin.sequence), begins)
-        if self.in_joints:
-            kind.extrapolate(shift, 0.0)
+        stream.use(self.numbers, kind.target, target, age, float(origin.stamp),
+                   float(origin.sequence), begins)
         self._far = ''
         self.states.take(_request(origin))
         return True
@@ -193,6 +191,7 @@ class ReferenceGuard:
     def _use(self, settings: GuardSettings, limits: LimitSettings) -> None:
         self.settings, known = settings, self._stream
         known.timeout, known.stamp_tolerance = settings.timeout, settings.stamp_tolerance
+        known.stop_time = settings.stop_time
         known.jump_position, known.jump_rotation = settings.jump_position, settings.jump_rotation
         known.fastest, known.fastest_turn = (HEADROOM * limits.speed,
                                              HEADROOM * limits.angular_speed)
@@ -243,8 +242,7 @@ class ReferenceGuard:
         if state is State.FAULT:
             self.hold(self._robot.pose)
         elif before.follows and state is State.STOPPING:
-            known.stop_progress = known.resumable = 0.0
-            self._kind.begin_stop()
+            stream.begin_stop(self.numbers, self._tool.target, self._joints.target)
             if self.states.then is not State.HOLDING:
                 known.armed = 0.0
         elif not (state.follows or before is State.STOPPING and state is State.HOLDING):
@@ -269,11 +267,9 @@ class ReferenceGuard:
         if self.following and stream.is_lost(self.numbers):
             self.states.take(Request.LOST, f'{NO_REFERENCE} {self.settings.timeout:g} s')
             known.resumable = 1.0
-        if not self.following:
-            self._slow_down(dt)
-        elif self.in_joints and not known.fresh:
-            self._joints.extrapolate(dt, known.age)
-        stream.advance(self.numbers, self._tool.target, dt)
+        stream.advance(self.numbers, self._tool.target, self._joints.target, dt)
+        if self.states.state is State.STOPPING and known.stop_progress >= 1.0:
+            self.states.take(Request.ARRIVED)
         return self._kind.target
 
     def measure(self, dt: float, robot: MeasuredMotion | None) -> None:
@@ -356,17 +352,6 @@ class ReferenceGuard:
         known = self._stream
         known.armed = known.resumable = known.sequence = 0.0
         known.stop_progress = 1.0
-
-    def _slow_down(self, dt: float) -> None:
-        """Reduce the last velocity and wrench to zero within the stop time."""
-        known = self._stream
-        if known.stop_progress >= 1.0:
-            return
-        known.stop_progress = min(1.0, known.stop_progress + dt / self.settings.stop_time)
-        left = 1.0 - smoothstep(known.stop_progress)
-        self._kind.slow_down(left, dt)
-        if known.stop_progress >= 1.0 and self.states.state is State.STOPPING:
-            self.states.take(Request.ARRIVED)
 
 
 def _continues(origin: Origin, last: float) -> bool:

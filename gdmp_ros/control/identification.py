@@ -15,9 +15,9 @@ from typing import NamedTuple
 import numpy as np
 
 from gdmp_ros.control.arm_states import Request
-from gdmp_ros.control.joint_motion import check_follows
+from gdmp_ros.control.joint_motion import JointMotion, Piece
 from gdmp_ros.control.kinematics import Chain
-from gdmp_ros.control.measurement import JointLimits, Measurement
+from gdmp_ros.control.measurement import JointLimits
 from gdmp_ros.control.weight import weight_rows
 from gdmp_ros.errors import DataError
 
@@ -29,8 +29,6 @@ MARGIN = 0.05
 ACCELERATION = 3.0
 #: Time after a turn that does not count, and time at rest before the first motion [s].
 SETTLE_S, REST_S = 0.2, 0.5
-#: Time between two samples for the weight [s].
-SAMPLE_S = 0.02
 #: Error of the torque of a motion in one direction that no moment of weight explains, and size of
 #: the moments to be expected [Nm].
 UNEXPLAINED_NM, USUAL_NM = 0.1, 1.0
@@ -52,14 +50,6 @@ class Identified(NamedTuple):
     moments: np.ndarray
 
 
-class _Sample(NamedTuple):
-    """Torque of a moving joint beyond the model [Nm], at joint positions [rad]."""
-
-    position: np.ndarray
-    leg: _Leg
-    torque: float
-
-
 class _Leg(NamedTuple):
     """
     A motion of one joint between two positions, with ramps at both ends.
@@ -75,25 +65,45 @@ class _Leg(NamedTuple):
     counts: bool
 
     @property
+    def sign(self) -> float:
+        """Direction."""
+        return math.copysign(1.0, self.last - self.first)
+
+    @property
+    def fastest(self) -> float:
+        """Speed that is reached [rad/s]; a short motion is slower."""
+        return min(self.speed, math.sqrt(ACCELERATION * abs(self.last - self.first)))
+
+    @property
     def seconds(self) -> float:
-        return abs(self.last - self.first) / self.speed + self.speed / ACCELERATION
+        """Time that it takes [s]."""
+        return abs(self.last - self.first) / self.fastest + self.fastest / ACCELERATION
 
-    def at(self, time: float) -> tuple[float, float]:
-        """Position and velocity a time after its beginning."""
-        ramp, sign = self.speed / ACCELERATION, math.copysign(1.0, self.last - self.first)
-        rest = self.seconds - ramp
-        if time < ramp:
-            passed, speed = 0.5 * ACCELERATION * time ** 2, ACCELERATION * time
-        elif time < rest:
-            passed, speed = self.speed * (time - 0.5 * ramp), self.speed
-        else:
-            left = max(self.seconds - time, 0.0)
-            passed = abs(self.last - self.first) - 0.5 * ACCELERATION * left ** 2
-            speed = ACCELERATION * left
-        return self.first + sign * passed, sign * speed
+    def pieces(self, start: np.ndarray) -> list[Piece]:
+        """
+        Its parts: ramp, constant speed, ramp. In the middle of a leg that counts is measured.
+
+        :param start: positions of the other joints [rad]
+        """
+        axis = self.sign * np.eye(len(start))[self.joint]
+        first = start.copy()
+        first[self.joint] = self.first
+        ramp, speed, rest = self.fastest / ACCELERATION, self.fastest, -1
+        even = self.seconds - 2.0 * ramp
+        half = 0.5 * ACCELERATION * axis
+        begins = [(0.0, rest)] if not (self.counts and even > 2.0 * SETTLE_S) else [
+            (0.0, rest), (SETTLE_S, self.joint), (even - SETTLE_S, rest)]
+        pieces = [Piece(self.begin, np.array([first, 0.0 * axis, half]))]
+        for after, measured in begins:
+            place = first + (0.5 * speed * ramp + speed * after) * axis
+            pieces.append(Piece(self.begin + ramp + after, np.array([place, speed * axis]),
+                                measured))
+        place = first + speed * (0.5 * ramp + even) * axis
+        pieces.append(Piece(self.begin + ramp + even, np.array([place, speed * axis, -half])))
+        return pieces
 
 
-class FrictionIdentification:
+class FrictionIdentification(JointMotion):
     """A plan of motions, and what they show; one instance for each identification."""
 
     request = Request.IDENTIFY
@@ -101,16 +111,17 @@ class FrictionIdentification:
     def __init__(self, joints: JointLimits, chain: Chain, speeds: Sequence[float] = SPEEDS,
                  reach: float = REACH):
         """Plan motions at speeds [rad/s], each so far to both sides [rad]."""
+        super().__init__()
+        self.progress.steady = 1.0
         self._joints, self._chain = joints, chain
         self._speeds, self._reach = tuple(speeds), reach
-        self.time, self.seconds = 0.0, math.inf
+        self._legs: list[_Leg] = []
 
     def begin(self, position: np.ndarray) -> None:
         """Begin at joint positions [rad]; every motion begins and ends there."""
-        self._start, joints, reach = np.array(position, dtype=float), self._joints, self._reach
-        self._legs: list[_Leg] = []
+        start, joints, reach = np.array(position, dtype=float), self._joints, self._reach
         time = REST_S
-        for joint, middle in enumerate(self._start):
+        for joint, middle in enumerate(start):
             low = max(middle - reach, joints.lower[joint] + MARGIN)
             high = min(middle + reach, joints.upper[joint] - MARGIN)
             for speed in self._speeds:
@@ -121,60 +132,19 @@ class FrictionIdentification:
                     leg = _Leg(joint, first, last, speed, time, counts)
                     self._legs.append(leg)
                     time += leg.seconds
-        self.seconds = time
-        self._present = 0
-        count = len(self._start)
-        # Sum of torques and number of them, by joint, speed and direction.
-        self._sums = np.zeros((2, count, len(self._speeds), 2))
-        self._samples: list[_Sample] = []
-        self._next = 0.0
-
-    @property
-    def done(self) -> bool:
-        """Whether all motions have been made."""
-        return self.remaining == 0.0
-
-    @property
-    def remaining(self) -> float:
-        """Time until all have been made [s]."""
-        return max(0.0, self.seconds - self.time)
+        pieces, self._leg_of = [Piece(0.0, start[None])], [-1]
+        for number, leg in enumerate(self._legs):
+            made = leg.pieces(start)
+            pieces += made
+            self._leg_of += len(made) * [number]
+        self._plan(pieces, time)
 
     @property
     def what(self) -> str:
         """What is being done, for people."""
-        leg = self._legs[min(self._present, len(self._legs) - 1)]
-        return f'identifying the friction of joint {leg.joint + 1}'
-
-    def target(self) -> tuple[np.ndarray, np.ndarray]:
-        """Joint positions and velocities that are wanted now."""
-        position, velocity = self._start.copy(), np.zeros_like(self._start)
-        while (self._present + 1 < len(self._legs)
-               and self.time >= self._legs[self._present + 1].begin):
-            self._present += 1
-        leg = self._legs[self._present]
-        if self.time >= leg.begin:
-            position[leg.joint], velocity[leg.joint] = leg.at(self.time - leg.begin)
-        return position, velocity
-
-    def add(self, measured: Measurement, torque: np.ndarray, dt: float) -> None:
-        """
-        Use a tick.
-
-        :param torque: that was sent [Nm]
-        :raises DataError: if the arm does not follow
-        """
-        check_follows(self.target()[0], measured)
-        leg = self._legs[self._present]
-        passed, skipped = self.time - leg.begin, leg.speed / ACCELERATION + SETTLE_S
-        if leg.counts and skipped <= passed < leg.seconds - skipped:
-            which = (leg.joint, self._speeds.index(leg.speed), int(leg.last > leg.first))
-            more = float(torque[leg.joint] - measured.bias[leg.joint])
-            self._sums[0][which] += more
-            self._sums[1][which] += 1.0
-            if self.time >= self._next:
-                self._samples.append(_Sample(measured.position.copy(), leg, more))
-                self._next = self.time + SAMPLE_S
-        self.time += dt
+        begun = sum(leg.begin <= self.progress.time for leg in self._legs)
+        joint = self._legs[max(begun - 1, 0)].joint if self._legs else 0
+        return f'identifying the friction of joint {joint + 1}'
 
     def result(self) -> Identified:
         """
@@ -182,7 +152,12 @@ class FrictionIdentification:
 
         :raises DataError: if a joint has no room to move, or the model lacks too much
         """
-        totals, counts = self._sums
+        size = len(self._joints.torque), len(self._speeds), 2
+        totals, counts = np.zeros(size), np.zeros(size)
+        for leg, (total, count) in zip(self._leg_of, self.path.sums):
+            if count > 0.0:
+                totals[self._which(self._legs[leg])] += total
+                counts[self._which(self._legs[leg])] += count
         if not (counts > 0.0).all():
             at = int(np.argmin((counts > 0.0).all(axis=(1, 2))))
             raise DataError(f'joint {at + 1} has no room to move: begin further from its limits')
@@ -200,6 +175,10 @@ class FrictionIdentification:
                                  for row in friction])
         return Identified(coefficients[:, 0], coefficients[:, 1], self._moments())
 
+    def _which(self, leg: _Leg) -> tuple[int, int, int]:
+        """Joint, speed and direction of a motion, as indices."""
+        return leg.joint, self._speeds.index(leg.speed), int(leg.sign > 0.0)
+
     def _moments(self) -> np.ndarray:
         """
         Moments of weight that explain the torque, with the friction of each joint and speed.
@@ -207,18 +186,18 @@ class FrictionIdentification:
         Ridge regression. All samples of a motion in one direction count as one: their error is
         the same.
         """
-        n, count = len(self._start), len(self._speeds)
-        rows = np.zeros((len(self._samples), 3 * n + n * count))
-        sizes = Counter(sample.leg for sample in self._samples)
-        weights = np.array([1.0 / (UNEXPLAINED_NM * math.sqrt(sizes[sample.leg]))
-                            for sample in self._samples])
-        for row, (position, leg, _) in zip(rows, self._samples):
-            row[:3 * n] = weight_rows(self._chain, position)[leg.joint]
-            row[3 * n + leg.joint * count + self._speeds.index(leg.speed)] = math.copysign(
-                1.0, leg.last - leg.first)
-        torques = np.array([sample.torque for sample in self._samples])
+        n, count = len(self._joints.torque), len(self._speeds)
+        samples = self.path.samples[:int(self.progress.sampled)]
+        legs = [self._leg_of[int(piece)] for piece in samples[:, 0]]
+        sizes = Counter(legs)
+        weights = np.array([1.0 / (UNEXPLAINED_NM * math.sqrt(sizes[leg])) for leg in legs])
+        rows = np.zeros((len(samples), 3 * n + n * count))
+        for row, number, sample in zip(rows, legs, samples):
+            leg = self._legs[number]
+            row[:3 * n] = weight_rows(self._chain, sample[2:])[leg.joint]
+            row[3 * n + leg.joint * count + self._speeds.index(leg.speed)] = leg.sign
         prior = np.concatenate([np.full(3 * n, USUAL_NM ** -2), np.zeros(n * count)])
         weighted = weights[:, None] * rows
         found = np.linalg.solve(weighted.T @ weighted + np.diag(prior),
-                                weighted.T @ (weights * torques))
+                                weighted.T @ (weights * samples[:, 1]))
         return np.asarray(found[:3 * n].reshape(n, 3))

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from gdmp_ros.kernels import jitable
+
 #: Smallest and largest stiffness of a joint [Nm/rad].
 LEAST_STIFFNESS, MOST_STIFFNESS = 1.0, 5000.0
 
@@ -16,9 +18,10 @@ def joint_target_size(joints: int) -> int:
     return 3 * joints + 1
 
 
+@jitable
 def joints_of(target: np.ndarray) -> int:
     """Number of joints of a target."""
-    return (len(target) - 1) // 3
+    return (target.size - 1) // 3
 
 
 def resting_joints(position: np.ndarray, stiffness: np.ndarray, damping_ratio: float = 0.7

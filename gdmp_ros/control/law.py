@@ -50,6 +50,8 @@ FREE_SMOOTHING = 0.005
 STANDS_S = 0.02
 #: Bandwidth with which joints follow a motion of their own [1/s].
 BANDWIDTH = 20.0
+#: A new posture of the null space is approached with this speed [rad/s].
+POSTURE_RATE = 0.3
 #: `compute` has found no torque; smaller numbers are those of `gdmp_ros.control.contact.feel`.
 NOT_FINITE = 10
 #: Pose aside, what a reference at the tool begins with.
@@ -79,6 +81,21 @@ def hold_joints(position, damping_ratio, reference, mean):
         reference[i], reference[n + i] = position[i], 0.0
         reference[2 * n + i], mean[i] = HOLD_JOINT_STIFFNESS, 0.0
     reference[3 * n] = damping_ratio
+
+
+@kernel
+def _keep_posture(arm):
+    """The null space keeps the measured posture from now on."""
+    copy_into(arm.position, arm.posture)
+    copy_into(arm.position, arm.wanted_posture)
+
+
+@kernel
+def _change_posture(arm, dt):
+    """Let the posture of the null space approach the one that is wanted."""
+    step = POSTURE_RATE * dt
+    for i in range(arm.posture.size):
+        arm.posture[i] += min(max(arm.wanted_posture[i] - arm.posture[i], -step), step)
 
 
 @kernel
@@ -370,6 +387,7 @@ def compute(numbers):
         s.law, s.stored, s.slowed = TOOL_SPRING, 0.0, 1.0
         hold_back_smoothly(s)
         hold_tool(numbers)
+        _keep_posture(arm)
         arm.commanded[:] = 0.0
         if s.does == FREE:
             _free(arm.velocity, arm.bias, arm.jacobian, s.free_damping, s.free_friction,
@@ -384,7 +402,9 @@ def compute(numbers):
     elif s.does == TOOL_SPRING:
         if s.law != TOOL_SPRING:
             hold_tool(numbers)
+            _keep_posture(arm)
         s.law = TOOL_SPRING
+        _change_posture(arm, s.dt)
         _spring_at_tool(numbers, external, limits)
         for i in range(6):
             twist[i], exerted[i] = arm.reference[TWIST + i], arm.reference[WRENCH + i]
@@ -400,6 +420,18 @@ def compute(numbers):
     contact = feel(s, arm.felt, arm.wrench, twist, exerted)
     finish(numbers, False)
     return contact
+
+
+@kernel
+def let_move(numbers, damping):
+    """
+    Make a tick of an arm that a hand moves; see `compute`.
+
+    :param damping: of the joints [Nm s/rad]
+    """
+    s = arm_view(numbers).scalars
+    s.does, s.free_damping = FREE, damping
+    return compute(numbers)
 
 
 @kernel

@@ -56,6 +56,7 @@ SCALARS = np.dtype([(name, np.float64) for name in (
     'nearest',           # which: volume times capsules plus capsule, or -1
     'slowed',            # share of the speed that is left beside volumes that come
     'left',              # the same, where the arm was measured in the last tick
+    'share',             # of its speed, that a motion of the joints has
     'permitted', 'allowed')])  # 0: references make no way; and the share of the speed meanwhile
 _SIZES, _SCALARS, _TANK = (dtype.itemsize // 8 for dtype in (SIZES, SCALARS, TANK_NUMBERS))
 _GAINS, _LIMITS = GAIN_NUMBERS.itemsize // 8, LIMIT_NUMBERS.itemsize // 8
@@ -98,7 +99,8 @@ class ArmMemory(NamedTuple):
     :ivar velocity: measured [rad/s]
     :ivar bias: gravity and Coriolis torque [Nm]
     :ivar external: torque of the environment [Nm]
-    :ivar posture: that the null space approaches [rad]
+    :ivar posture: that the null space approaches [rad]; it goes to the next one, `wanted_posture`
+    :ivar wanted_posture: the same
     :ivar wanted: positions of a joint motion [rad]
     :ivar wanted_rate: their velocities [rad/s]
     :ivar joint_mean: acceleration of the reference of the joints, smoothed [rad/s²]
@@ -158,6 +160,7 @@ class ArmMemory(NamedTuple):
     bias: Any
     external: Any
     posture: Any
+    wanted_posture: Any
     wanted: Any
     wanted_rate: Any
     joint_mean: Any
@@ -231,8 +234,8 @@ def arm_view(memory):
     at += 11 * n
     sent = matrix_at(memory, at, MOST_TORQUES, n)
     at += MOST_TORQUES * n
-    joints = matrix_at(memory, at, 19, n)
-    at += 19 * n
+    joints = matrix_at(memory, at, 20, n)
+    at += 20 * n
     tool, outside = matrix_at(memory, at, 5, 6), vector_at(memory, at + 30, 3)
     at += 33
     limited = matrix_at(memory, at, 3, _LIMIT_COUNT)
@@ -242,7 +245,7 @@ def arm_view(memory):
         volumes, depth, joint_target, joint_reference, joint_limits, friction, credit, sent,
         joints[0], joints[1], joints[2], joints[3], joints[4], joints[5], joints[6], joints[7],
         joints[8], joints[9], joints[10], joints[11], joints[12], joints[13], joints[14],
-        joints[15], joints[16], joints[17], joints[18], outside,
+        joints[15], joints[16], joints[17], joints[18], joints[19], outside,
         tool[0], tool[1], tool[2], tool[3], tool[4], limited[0], limited[1], limited[2])
 
 
@@ -251,7 +254,7 @@ def blank(joints: int, capsules: int = 0, pairs: int = 0) -> np.ndarray:
     total = (_SIZES + _SCALARS + _TANK + _GAINS + _LIMITS + 85 + 6 * joints + joints * joints
              + 2 * TARGET_SIZE + 18 + 16 * joints + 7 + CAPSULE_SIZE * capsules + 3 * pairs
              + CAPACITY * (VOLUME_SIZE + capsules)
-             + 2 * (3 * joints + 1) + (11 + MOST_TORQUES + 19) * joints + 33 + 3 * _LIMIT_COUNT)
+             + 2 * (3 * joints + 1) + (11 + MOST_TORQUES + 20) * joints + 33 + 3 * _LIMIT_COUNT)
     memory = np.zeros(total)
     memory[:_SIZES].view(SIZES)[0] = (joints, capsules, pairs)
     return memory

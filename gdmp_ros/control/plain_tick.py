@@ -1,9 +1,9 @@
 """
-A tick in which nothing but following or holding is done, compiled: guard, law, torque.
+A tick in which the arm goes on with what it does, compiled: guard, law, torque.
 
-Each kind of arm adds what is measured, and what the torque does. What such a tick cannot do is
-left to `gdmp_ros.control.arm_control`: requests, the beginning and the end of a motion, faults,
-joint motions, hand guiding.
+It follows or holds, comes to rest, is moved by a hand, or makes a motion of the joints. Each kind
+of arm adds what is measured, and what the torque does. What such a tick cannot do is left to
+`gdmp_ros.control.arm_control`: requests, settings, the beginning and the end of a motion.
 """
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ from typing import NamedTuple
 import numpy as np
 
 from gdmp_ros.control.arm_control import ArmControl
-from gdmp_ros.control.law import compute
+from gdmp_ros.control.joint_path import JointPath, make_way
+from gdmp_ros.control.law import compute, let_move
 from gdmp_ros.control.memory import arm_view, TOOL_SPRING
-from gdmp_ros.control.stream import advance, elapse
+from gdmp_ros.control.stream import advance, changes_nothing, elapse, free_damping, rest_at
 from gdmp_ros.control.target import STIFFNESS
 from gdmp_ros.kernels import kernel
 from gdmp_ros.manifolds.linalg import copy_into, is_finite
@@ -31,25 +32,24 @@ class Controller(NamedTuple):
     :ivar numbers: `gdmp_ros.control.memory`
     :ivar stream: `gdmp_ros.control.stream.STREAM`
     :ivar target: of the guard
+    :ivar joints: its target of the joints
     :ivar held: see `gdmp_ros.control.guard.ReferenceGuard`
+    :ivar path: on which the joints move
     """
 
     numbers: np.ndarray
     stream: np.ndarray
     target: np.ndarray
+    joints: np.ndarray
     held: np.ndarray
+    path: JointPath
 
 
 def controller_of(control: ArmControl) -> Controller:
-    """The controller of an arm, for kernels."""
+    """The controller of an arm, for kernels; until its state changes."""
     controller = control.controller
     guard = controller.guard
-    return Controller(controller.numbers, guard.numbers, guard.tool_target, guard.held)
-
-
-def only_follows(control: ArmControl) -> bool:
-    """Whether nothing but following or holding is to be done in the next tick."""
-    return not control.moves_joints and control.controller.only_goes_on
+    return Controller(controller.numbers, guard.numbers, *guard.targets, guard.held, control.path)
 
 
 @kernel
@@ -57,8 +57,11 @@ def decide(controller, dt):
     """
     Compute the torque for what was measured.
 
-    :returns: 0, `OTHER`, or an event: then the torque is not to be sent
+    :returns: 0, `OTHER`, or an event: then Python ends the tick, and sends the torque
     """
+    moves = controller.path.begins.size > 0
+    if not moves and not changes_nothing(controller.stream, dt):
+        return OTHER
     arm = arm_view(controller.numbers)
     for i in range(6):
         arm.twist[i] = 0.0
@@ -67,7 +70,14 @@ def decide(controller, dt):
     if not (is_finite(arm.pose) and is_finite(arm.twist)):
         return OTHER
     elapse(controller.stream, dt)
-    advance(controller.stream, controller.target, dt)
+    damping = free_damping(controller.stream)
+    if moves or damping > 0.0:
+        rest_at(controller.target, arm.pose)
+        arm.scalars.dt = dt
+        if moves:
+            return make_way(controller.numbers, controller.path, dt)
+        return let_move(controller.numbers, damping)
+    advance(controller.stream, controller.target, controller.joints, dt)
     copy_into(controller.target, arm.target)
     arm.scalars.dt, arm.scalars.does = dt, TOOL_SPRING
     return compute(controller.numbers)
@@ -81,12 +91,13 @@ def write_state(numbers, target, state):
     :param state: written; what no limit uses stays
     """
     arm = arm_view(numbers)
-    n = arm.position.size
+    n, at_tool = arm.position.size, arm.scalars.does == TOOL_SPRING
     copy_into(arm.pose, state[:7])
     copy_into(arm.twist, state[7:13])
     copy_into(arm.wrench, state[13:19])
-    copy_into(arm.reference[STIFFNESS:STIFFNESS + 36], state[19:55])
-    copy_into(target[STIFFNESS:STIFFNESS + 36], state[55:91])
+    for i in range(36):
+        state[19 + i] = arm.reference[STIFFNESS + i] if at_tool else 0.0
+        state[55 + i] = target[STIFFNESS + i] if at_tool else 0.0
     state[91], state[92] = arm.scalars.stored, arm.scalars.energy
     copy_into(arm.commanded, state[93:99])
     copy_into(arm.violation, state[99:99 + arm.violation.size])

@@ -4,26 +4,23 @@ from __future__ import annotations
 import numpy as np
 
 from gdmp_ros.control.measurement import JointLimits
+from gdmp_ros.control.memory import ArmMemory
 from gdmp_ros.control.settings import ControllerSettings
 
-#: A new posture is approached with this speed [rad/s].
-RATE = 0.3
 #: Setting without a posture.
 NONE = ControllerSettings.posture
 
 
 class Posture:
-    """
-    A posture that changes slowly.
+    """A posture that changes slowly, in the memory of a controller."""
 
-    :ivar position: of the joints, now [rad]
-    :ivar changes: whether another one is approached
-    """
+    def __init__(self, joints: JointLimits, arm: ArmMemory):
+        self._joints, self._arm = joints, arm
 
-    def __init__(self, joints: JointLimits):
-        self._joints = joints
-        self.position = self._target = np.zeros_like(joints.torque)
-        self.changes = False
+    @property
+    def position(self) -> np.ndarray:
+        """Of the joints, now [rad]."""
+        return np.array(self._arm.posture)
 
     def check(self, setting: tuple[float, ...]) -> None:
         """:raises ParameterError: if a setting is not a posture of the arm"""
@@ -33,7 +30,7 @@ class Posture:
     def use(self, setting: tuple[float, ...]) -> None:
         """Approach a setting from now on; without a posture nothing changes."""
         if setting != NONE:
-            self._target, self.changes = np.array(setting), True
+            self._arm.wanted_posture[:] = setting
 
     def approach(self, position: np.ndarray) -> None:
         """
@@ -43,16 +40,8 @@ class Posture:
         :raises ParameterError: if it is not one of the arm
         """
         self._joints.check(position)
-        self._target, self.changes = position.copy(), True
+        self._arm.wanted_posture[:] = position
 
     def hold(self, position: np.ndarray) -> None:
         """Keep the present position of the joints [rad]."""
-        self.position, self._target, self.changes = position.copy(), position.copy(), False
-
-    def advance(self, dt: float) -> np.ndarray:
-        """Let ``dt`` pass; returns the position [rad]."""
-        if self.changes:
-            target, step = self._target, RATE * dt
-            self.position = self.position + np.clip(target - self.position, -step, step)
-            self.changes = not np.array_equal(self.position, target)
-        return self.position
+        self._arm.posture[:] = self._arm.wanted_posture[:] = position

@@ -6,7 +6,6 @@ it which streams are followed.
 """
 from __future__ import annotations
 
-import math
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -14,15 +13,12 @@ import numpy as np
 from gdmp_ros.control.joint_target import joint_target_size, MOST_STIFFNESS, resting_joints
 from gdmp_ros.control.reference_check import invalid_target, LARGEST_DAMPING_RATIO
 from gdmp_ros.control.settings import GuardSettings
-from gdmp_ros.control.stream import extrapolate
+from gdmp_ros.control.stream import rest_at
 from gdmp_ros.control.target import (
     DAMPING_RATIO,
     POSE,
     resting_target,
-    STIFFNESS,
-    TARGET_SIZE,
     TWIST,
-    WRENCH,
 )
 from gdmp_ros.manifolds.quaternion import normalize, pose_distance
 
@@ -54,7 +50,7 @@ class ReferenceKind(Protocol):
     """
     One kind of references.
 
-    :ivar target: the newest target; extrapolated where it is missing
+    :ivar target: the newest target; `gdmp_ros.control.stream` moves it on
     """
 
     target: np.ndarray
@@ -86,15 +82,6 @@ class ReferenceKind(Protocol):
         :param gap: time in between in which there were no references [s]
         """
 
-    def extrapolate(self, dt: float, age: float) -> None:
-        """Let ``dt`` pass without a new target; the last one is ``age`` old."""
-
-    def begin_stop(self) -> None:
-        """The velocity begins to decrease."""
-
-    def slow_down(self, left: float, dt: float) -> None:
-        """Let ``dt`` pass with a share of the velocity at the beginning of the stop."""
-
     def rest_at(self, robot: MeasuredMotion) -> None:
         """Rest where the robot is."""
 
@@ -105,9 +92,10 @@ class ReferenceKind(Protocol):
 class PoseReferences:
     """References of the tool's pose: `TARGET_SIZE` numbers."""
 
-    def __init__(self, pose: np.ndarray, damping_ratio: float):
+    def __init__(self, pose: np.ndarray, damping_ratio: float, stopped: np.ndarray):
+        """:param stopped: twist with which the target began to come to rest [m/s, rad/s]"""
         self.target = resting_target(pose, damping_ratio=damping_ratio)
-        self._twist, self._wrench = np.zeros(6), np.zeros(TARGET_SIZE - WRENCH)
+        self._stopped = stopped
 
     def invalid(self, target: np.ndarray) -> str | None:
         """Why a target cannot be followed at all; None if it can. What must be is normalised."""
@@ -144,33 +132,16 @@ class PoseReferences:
                 ('position', distance, TWIST, settings.jump_position, 'm'),
                 ('rotation', angle, TWIST + 3, settings.jump_rotation, 'rad')):
             if len(last) == len(target):
-                limit += gap * float(np.linalg.norm(self._twist[first - TWIST:][:3]))
+                limit += gap * float(np.linalg.norm(self._stopped[first - TWIST:][:3]))
             else:
                 limit += 0.5 * min(gap, LOST_S) * float(np.linalg.norm(target[first:first + 3]))
             if not value <= limit:
                 return f'the {what} jumps by {value:.3g} {unit}, expected at most {limit:.3g}'
         return None
 
-    def extrapolate(self, dt: float, age: float) -> None:
-        """Let ``dt`` pass without a new target; the last one is ``age`` old."""
-        extrapolate(self.target, dt, age)
-
-    def begin_stop(self) -> None:
-        """The velocity begins to decrease."""
-        self._twist = self.target[TWIST:TWIST + 6].copy()
-        self._wrench = self.target[WRENCH:].copy()
-
-    def slow_down(self, left: float, dt: float) -> None:
-        """Let ``dt`` pass with a share of the velocity at the beginning of the stop."""
-        self.target[TWIST:TWIST + 6] = left * self._twist
-        self.target[WRENCH:] = left * self._wrench
-        self.extrapolate(dt, math.inf)
-
     def rest_at(self, robot: MeasuredMotion) -> None:
         """Rest where the robot is."""
-        self.target[:STIFFNESS] = 0.0
-        self.target[WRENCH:] = 0.0
-        self.target[POSE:POSE + 7] = robot.pose
+        rest_at(self.target, robot.pose)
 
     def damp(self, ratio: float) -> None:
         """Use a damping ratio while nothing is followed."""
@@ -180,11 +151,11 @@ class PoseReferences:
 class JointReferences:
     """References of n joints: `joint_target_size` numbers."""
 
-    def __init__(self, joints: int, damping_ratio: float):
+    def __init__(self, joints: int, damping_ratio: float, stopped: np.ndarray):
+        """:param stopped: velocities with which the target began to come to rest [rad/s]"""
         self.target = resting_joints(np.zeros(joints), np.full(joints, HOLD_JOINT_STIFFNESS),
                                      damping_ratio)
-        self._n = joints
-        self._velocity = np.zeros(joints)
+        self._n, self._stopped = joints, stopped
 
     def invalid(self, target: np.ndarray) -> str | None:
         """Why a target cannot be followed at all; None if it can. What must be is normalised."""
@@ -232,7 +203,7 @@ class JointReferences:
         n = self._n
         step = np.abs(target[:n] - last[:n])
         if len(last) == len(target):
-            way = gap * float(np.abs(self._velocity).max(initial=0.0))
+            way = gap * float(np.abs(self._stopped).max(initial=0.0))
         else:
             way = 0.5 * min(gap, LOST_S) * float(np.abs(target[n:2 * n]).max(initial=0.0))
         limit = settings.jump_joints + way
@@ -240,20 +211,6 @@ class JointReferences:
             return None
         return (f'joint {int(np.argmax(step)) + 1} jumps by {step.max():.3g} rad, expected at '
                 f'most {limit:.3g}')
-
-    def extrapolate(self, dt: float, age: float) -> None:
-        """Let ``dt`` pass without a new target; the last one is ``age`` old."""
-        n = self._n
-        self.target[:n] += dt * self.target[n:2 * n]
-
-    def begin_stop(self) -> None:
-        """The velocity begins to decrease."""
-        self._velocity = self.target[self._n:2 * self._n].copy()
-
-    def slow_down(self, left: float, dt: float) -> None:
-        """Let ``dt`` pass with a share of the velocity at the beginning of the stop."""
-        self.target[self._n:2 * self._n] = left * self._velocity
-        self.extrapolate(dt, math.inf)
 
     def rest_at(self, robot: MeasuredMotion) -> None:
         """Rest where the robot is."""

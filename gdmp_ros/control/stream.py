@@ -12,12 +12,22 @@ from typing import NamedTuple
 import numpy as np
 
 from gdmp_ros.control.arm_states import State
+from gdmp_ros.control.joint_target import joints_of
 from gdmp_ros.control.modes import StreamMode
 from gdmp_ros.control.reference_check import continues, is_invalid
-from gdmp_ros.control.target import ACCELERATION, extrapolate_pose, POSE, TWIST
+from gdmp_ros.control.target import (
+    ACCELERATION,
+    extrapolate_pose,
+    POSE,
+    STIFFNESS,
+    TARGET_SIZE,
+    TWIST,
+    WRENCH,
+)
 from gdmp_ros.kernels import jitable, kernel, local_numbers, records_at
 from gdmp_ros.manifolds.linalg import copy_into, norm
 from gdmp_ros.manifolds.quaternion import normalize, pose_distance, rotation_between
+from gdmp_ros.util.profiles import smoothstep
 
 #: Time for which the acceleration of the last reference is used between two references [s].
 ACCELERATION_S = 0.01
@@ -57,9 +67,11 @@ STREAM = np.dtype([(name, np.float64) for name in (
     'armed',            # time for which a motion is followed wherever it is [s]
     'stop_progress',    # of coming to rest, 1 at rest
     # Settings.
+    'stop_time',        # [s]
     'timeout', 'stamp_tolerance', 'jump_position', 'jump_rotation',
     'fastest', 'fastest_turn')])  # how fast references may go on [m/s, rad/s]
 _SCALARS = len(STREAM.names or ())
+_FIXED = _SCALARS + 21 + 6 + TARGET_SIZE - WRENCH
 
 
 class Newest(NamedTuple):
@@ -70,26 +82,34 @@ class Newest(NamedTuple):
     :ivar twist: [m/s, rad/s]
     :ivar apart: how far the poses of the stream are from its twists [m, rad]
     :ivar distrusted: time until its twists are used again, the linear and the angular ones [s]
+    :ivar stopped: twist of the target when it began to come to rest, and all from its wrench on
+    :ivar stopped_joints: velocities of the joints, when their target did [rad/s]
     """
 
     place: np.ndarray
     twist: np.ndarray
     apart: np.ndarray
     distrusted: np.ndarray
+    stopped: np.ndarray
+    stopped_joints: np.ndarray
 
 
 @jitable
 def newest(numbers):
     """See `Newest`."""
     return Newest(numbers[_SCALARS:_SCALARS + 7], numbers[_SCALARS + 7:_SCALARS + 13],
-                  numbers[_SCALARS + 13:_SCALARS + 19], numbers[_SCALARS + 19:_SCALARS + 21])
+                  numbers[_SCALARS + 13:_SCALARS + 19], numbers[_SCALARS + 19:_SCALARS + 21],
+                  numbers[_SCALARS + 21:_FIXED], numbers[_FIXED:])
 
 
 #: What `go_on` has done with a reference.
 FOLLOWED, REMEMBERED, OTHER = range(3)
 _NUMBERS = {state: number for number, state in enumerate(State)}
-_HOLDING, _RESTING, _FOLLOWING = (
-    _NUMBERS[state] for state in (State.HOLDING, State.RESTING, State.FOLLOWING))
+_HOLDING, _RESTING, _FOLLOWING, _STOPPING, _GUIDED, _COMPLIANT = (
+    _NUMBERS[state] for state in (State.HOLDING, State.RESTING, State.FOLLOWING, State.STOPPING,
+                                  State.GUIDED, State.COMPLIANT))
+#: Joint damping of an arm that a hand moves [Nm s/rad]: it comes to rest when the hand lets go.
+_GUIDED_DAMPING, _COMPLIANT_DAMPING = 2.0, 5.0
 _MOTION, _REST = int(StreamMode.STREAMING), int(StreamMode.HOLDING)
 
 
@@ -111,6 +131,14 @@ def extrapolate(target, dt, age):
         else:
             target[ACCELERATION + i] = 0.0
     extrapolate_pose(target, dt, target[POSE:POSE + 7])
+
+
+@kernel
+def extrapolate_joints(target, dt):
+    """Move a target of the joints on."""
+    n = joints_of(target)
+    for i in range(n):
+        target[i] += dt * target[n + i]
 
 
 @kernel
@@ -190,7 +218,7 @@ def _arrive(numbers, target, age, stamp, begins):
 @kernel
 def use(numbers, last, target, age, stamp, sequence, begins):
     """
-    Follow a reference; one of the tool that is later, or earlier, than usual is moved in time.
+    Follow a reference; one that is later, or earlier, than usual is moved in time.
 
     Otherwise one that was delayed by a millisecond would be a step of the motion.
 
@@ -198,7 +226,6 @@ def use(numbers, last, target, age, stamp, sequence, begins):
     :param age: of the reference on arrival [s]
     :param stamp: [s]; 0 if it has none
     :param begins: whether nothing was followed before
-    :returns: by how much it is to be moved in time [s]; one of the joints is not moved here
     """
     stream = records_at(numbers, 0, 1, STREAM)[0]
     copy_into(target, last)
@@ -216,11 +243,13 @@ def use(numbers, last, target, age, stamp, sequence, begins):
     stream.delay += DELAY_SHARE * shift
     if abs(shift) > LARGEST_SHIFT_S:
         shift = 0.0
-    if stream.of_joints == 0.0 and shift != 0.0:
-        extrapolate(last, shift, 0.0)
+    if shift != 0.0:
+        if stream.of_joints == 0.0:
+            extrapolate(last, shift, 0.0)
+        else:
+            extrapolate_joints(last, shift)
     stream.fresh = stream.resumable = 1.0
     stream.armed, stream.age, stream.sequence = 0.0, 0.0, sequence
-    return shift
 
 
 @kernel
@@ -239,7 +268,9 @@ def go_on(numbers, last, held, target, age, stamp, sequence, mode):
     stream = records_at(numbers, 0, 1, STREAM)[0]
     follows = (stream.state == _FOLLOWING and mode == _MOTION
                or stream.state == _RESTING and mode == _REST)
-    waits = stream.state == _HOLDING and mode == _REST and stream.resumable == 0.0
+    # Where nothing is followed, a stream that rests asks for nothing.
+    waits = mode == _REST and (stream.state == _HOLDING and stream.resumable == 0.0
+                               or stream.state >= _GUIDED)
     if not (follows or waits) or stream.of_joints != 0.0:
         return OTHER
     if not abs(age) <= stream.stamp_tolerance or is_invalid(target):
@@ -277,14 +308,27 @@ def is_lost(numbers):
 
 
 @kernel
-def is_plain(numbers):
-    """Whether the next tick neither ends the stream nor slows down, and is of the tool."""
+def changes_nothing(numbers, dt):
+    """
+    Whether a tick leaves the arm in its state, and is not of references of the joints.
+
+    :param dt: its duration [s]
+    """
     stream = records_at(numbers, 0, 1, STREAM)[0]
     if stream.of_joints != 0.0:
         return False
-    if stream.state == _HOLDING:
-        return stream.stop_progress >= 1.0
-    return is_followed(numbers) and not is_lost(numbers)
+    if stream.state == _STOPPING:
+        return stream.stop_progress + dt / stream.stop_time < 1.0
+    return not (is_followed(numbers) and is_lost(numbers))
+
+
+@kernel
+def free_damping(numbers):
+    """Damping of the joints of an arm that a hand moves [Nm s/rad]; 0 for any other."""
+    stream = records_at(numbers, 0, 1, STREAM)[0]
+    if stream.state == _GUIDED:
+        return _GUIDED_DAMPING
+    return _COMPLIANT_DAMPING if stream.state == _COMPLIANT else 0.0
 
 
 @kernel
@@ -296,15 +340,69 @@ def elapse(numbers, dt):
 
 
 @kernel
-def advance(numbers, target, dt):
-    """Move the target of the tool on, if no reference came for this tick."""
+def advance(numbers, tool, joints, dt):
+    """
+    Move the target on, if no reference came for this tick, or let it come to rest.
+
+    :param tool: target of the tool
+    :param joints: target of the joints
+    """
     stream = records_at(numbers, 0, 1, STREAM)[0]
-    if stream.fresh == 0.0 and stream.of_joints == 0.0 and is_followed(numbers):
-        extrapolate(target, dt, stream.age)
+    if not is_followed(numbers):
+        _slow_down(numbers, tool, joints, dt)
+    elif stream.fresh == 0.0:
+        if stream.of_joints == 0.0:
+            extrapolate(tool, dt, stream.age)
+        else:
+            extrapolate_joints(joints, dt)
     stream.fresh = 0.0
     stream.age += dt
 
 
-def blank() -> np.ndarray:
-    """A `STREAM` record of a guard that has seen nothing."""
-    return np.zeros(_SCALARS + 21)
+@kernel
+def begin_stop(numbers, tool, joints):
+    """Let the target come to rest from now on; see `advance`."""
+    stream, known = records_at(numbers, 0, 1, STREAM)[0], newest(numbers)
+    stream.stop_progress = stream.resumable = 0.0
+    if stream.of_joints != 0.0:
+        n = joints_of(joints)
+        copy_into(joints[n:2 * n], known.stopped_joints)
+        return
+    for i in range(6):
+        known.stopped[i] = tool[TWIST + i]
+    for i in range(WRENCH, TARGET_SIZE):
+        known.stopped[6 + i - WRENCH] = tool[i]
+
+
+@kernel
+def _slow_down(numbers, tool, joints, dt):
+    """Reduce the velocity and the wrench of a target that comes to rest."""
+    stream, known = records_at(numbers, 0, 1, STREAM)[0], newest(numbers)
+    if stream.stop_progress >= 1.0:
+        return
+    stream.stop_progress = min(1.0, stream.stop_progress + dt / stream.stop_time)
+    left = 1.0 - smoothstep(stream.stop_progress)
+    if stream.of_joints != 0.0:
+        n = joints_of(joints)
+        for i in range(n):
+            joints[n + i] = left * known.stopped_joints[i]
+        extrapolate_joints(joints, dt)
+        return
+    for i in range(6):
+        tool[TWIST + i] = left * known.stopped[i]
+    for i in range(WRENCH, TARGET_SIZE):
+        tool[i] = left * known.stopped[6 + i - WRENCH]
+    extrapolate(tool, dt, math.inf)
+
+
+@kernel
+def rest_at(target, pose):
+    """Let a target of the tool rest (x, y, z, qw, qx, qy, qz); its stiffness stays."""
+    target[:STIFFNESS] = 0.0
+    target[WRENCH:] = 0.0
+    copy_into(pose, target[POSE:POSE + 7])
+
+
+def blank(joints: int) -> np.ndarray:
+    """A `STREAM` record, and what follows it, of a guard that has seen nothing."""
+    return np.zeros(_FIXED + joints)

@@ -1,4 +1,4 @@
-"""A cycle of a Franka in which nothing but following or holding is done, compiled."""
+"""A cycle of a Franka in which it only goes on, compiled."""
 from __future__ import annotations
 
 from typing import NamedTuple

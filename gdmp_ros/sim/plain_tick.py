@@ -1,8 +1,7 @@
 """
 A tick of a simulated arm that only goes on, compiled: measure, guard, law, torque, simulation.
 
-What it cannot do is left to `gdmp_ros.control.arm_control`: requests, the beginning and the end of
-a motion, faults, joint motions, hand guiding.
+What it cannot do is left to `gdmp_ros.control.arm_control`; see `gdmp_ros.control.plain_tick`.
 """
 from __future__ import annotations
 
@@ -14,8 +13,8 @@ from gdmp_ros.control.arm_control import ArmControl
 from gdmp_ros.control.measurement import Tick
 from gdmp_ros.control.memory import arm_view
 from gdmp_ros.control.modes import StreamMode
-from gdmp_ros.control.plain_tick import decide, MADE, only_follows, OTHER
-from gdmp_ros.control.stream import FOLLOWED, go_on, is_plain
+from gdmp_ros.control.plain_tick import decide, MADE, OTHER
+from gdmp_ros.control.stream import FOLLOWED, go_on
 from gdmp_ros.kernels import kernel
 from gdmp_ros.manifolds.linalg import copy_into
 from gdmp_ros.sim.arm import Arm, FATAL
@@ -66,12 +65,10 @@ def measure(robot, arm):
 @kernel
 def plain_tick(robot, controller, dt):
     """
-    Make a tick, if nothing but following or holding is to be done.
+    Make a tick, if the arm only goes on.
 
     :returns: `MADE`, `OTHER`, `BROKEN`, or an event: then the torque has not been sent
     """
-    if not is_plain(controller.stream):
-        return OTHER
     arm = arm_view(controller.numbers)
     measure(robot, arm)
     event = decide(controller, dt)
@@ -108,20 +105,20 @@ def follow_plainly(robot, controller, dt, references, poses):
 
 
 def only_goes_on(control: ArmControl, driver: SimulatedDriver) -> bool:
-    """Whether nothing but following or holding is to be done in the next tick."""
+    """Whether the next tick may be one that a kernel makes."""
     return (driver.hand is None and driver.gripper is None and driver.arm.only_goes_on
-            and only_follows(control))
+            and control.only_goes_on)
 
 
 def end_tick(control: ArmControl, driver: SimulatedDriver, event: int) -> Tick:
     """
-    End a tick in which a kernel felt something, or could compute no torque.
+    End a tick of a kernel after which the arm does something else, or has no torque.
 
     :raises DataError: if the simulation is unstable
     """
     if event == BROKEN:
         driver.arm.check()
-    tick = control.controller.end_tick(event)
+    tick = control.end_tick(event)
     driver.command(tick.torque)
     driver.arm.advance()
     return tick

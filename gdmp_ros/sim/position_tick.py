@@ -1,12 +1,11 @@
-"""A tick of an arm that takes joint positions in which it only follows or holds, compiled."""
+"""A tick of an arm that takes joint positions in which it only goes on, compiled."""
 from __future__ import annotations
 
 from typing import NamedTuple
 
 from gdmp_ros.control.memory import arm_view
-from gdmp_ros.control.plain_tick import decide, MADE, OTHER, write_state
+from gdmp_ros.control.plain_tick import decide, MADE, write_state
 from gdmp_ros.control.servo import answer, FINE, pay, SCALARS, Servo, take_state
-from gdmp_ros.control.stream import is_plain
 from gdmp_ros.kernels import kernel, records_at
 from gdmp_ros.manifolds.linalg import copy_into
 from gdmp_ros.sim.native import look, measure, ModelView
@@ -50,12 +49,10 @@ def measure_virtual(view, arm):
 @kernel
 def plain_tick(view, controller):
     """
-    Make a tick, if nothing but following or holding is to be done; the command is then known.
+    Make a tick, if the arm only goes on; the command is then known.
 
     :returns: `MADE`, `OTHER`, an event: then there is no command yet, or `UNUSABLE` and more
     """
-    if not is_plain(controller.stream):
-        return OTHER
     servo, numbers = view.servo, controller.numbers
     problem = take_state(servo)
     if problem != FINE:

@@ -26,11 +26,11 @@ def ticks(numbers, count):
 
 
 @kernel
-def references(numbers, last, held, target, count):
+def references(numbers, last, joints, held, target, count):
     for k in range(count):
         stream.go_on(numbers, last, held, target, 0.001, 0.0, k + 2.0, 0.0)
         stream.elapse(numbers, 0.001)
-        stream.advance(numbers, last, 0.001)
+        stream.advance(numbers, last, joints, 0.001)
     return numbers[0]
 
 
@@ -85,9 +85,9 @@ def test_the_law_does_not_allocate(does):
 
 def test_a_stream_that_goes_on_does_not_allocate():
     loop = loop_that(TOOL_SPRING)
-    guard, target = loop.controller.guard, loop.controller.guard.tool_target.copy()
+    guard, target = loop.controller.guard, loop.controller.guard.targets[0].copy()
     loop.states.take(Request.MOTION)
-    arguments = guard.numbers, guard.tool_target, guard.held, target
+    arguments = guard.numbers, *guard.targets, guard.held, target
     references(*arguments, 1)
     with counted() as once:
         references(*arguments, 1)
@@ -98,7 +98,7 @@ def test_a_stream_that_goes_on_does_not_allocate():
 
 def test_the_ticks_of_a_simulated_arm_do_not_allocate():
     loop = loop_that(TOOL_SPRING)
-    target = loop.controller.guard.tool_target.copy()
+    target = loop.controller.guard.targets[0].copy()
     arguments = robot_of(loop.arm), controller_of(loop), loop.driver.dt
 
     def follow(count):

@@ -191,4 +191,4 @@ def test_an_arm_that_lost_ticks_uses_the_twists_it_gets():
         guard.offer(target, Origin('panda_link0', 0.0, k + 1, stamp=1e9 + k * DT))
         loop.tick()
     guard.look()
-    assert guard.refused == 0 and np.linalg.norm(guard.tool_target[7:10]) > 0.2
+    assert guard.refused == 0 and np.linalg.norm(guard.targets[0][7:10]) > 0.2

@@ -2,7 +2,7 @@
 import numpy as np
 import pytest
 
-from gdmp_ros.control.posture import RATE
+from gdmp_ros.control.law import POSTURE_RATE
 from gdmp_ros.control.settings import ControllerSettings, LimitSettings
 from gdmp_ros.control.target import resting_target, STIFFNESS
 from gdmp_ros.errors import ParameterError
@@ -142,7 +142,7 @@ def test_a_posture_is_approached_without_moving_the_tool(plant):
         tick, last = loop.tick(), rest
         assert np.linalg.norm(tick.measurement.pose[:3] - home[:3]) < 2e-3 + plant.slack()
         rest = loop.controller.posture.position
-        assert np.abs(rest - last).max() <= RATE * DT * (1.0 + 1e-9)
+        assert np.abs(rest - last).max() <= POSTURE_RATE * DT * (1.0 + 1e-9)
     np.testing.assert_allclose(rest, wanted, atol=1e-4)
     elbow = tick.measurement.position - start
     least = 0.05 if plant is CLEAN else 0.02  # friction holds it back

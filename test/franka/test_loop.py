@@ -7,7 +7,7 @@ import pytest
 
 from gdmp_ros.control.arm_control import ArmControl
 from gdmp_ros.control.arm_driver import ArmStopped
-from gdmp_ros.control.joint_motion import PostureMotion
+from gdmp_ros.control.joint_motion import Braking, PostureMotion
 from gdmp_ros.control.modes import ArmMode
 from gdmp_ros.control.target import resting_target, TWIST
 from gdmp_ros.errors import ParameterError
@@ -127,7 +127,8 @@ def test_the_torque_rate_counts_from_command_to_command(loop):
     control = ArmControl(loop.driver)
     measured = loop.driver.measured
     control.hold(measured)
-    tick = control.controller.move_joints(measured, measured.position + 0.15, np.zeros(7), 0.015)
+    away = Braking(measured.position + 0.15, np.zeros(7), 1.0)
+    tick = control.controller.move_joints(measured, away.path, 0.015)
     assert np.abs(tick.torque).max() == pytest.approx(0.95, abs=1e-6)
 
 

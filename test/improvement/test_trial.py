@@ -82,11 +82,7 @@ def test_the_way_back_is_the_way_that_was_come():
     corner[100:, 1] = np.linspace(0.0, 0.5, 100)
     way = PostureMotion(joints, home + corner[::-1][1:], 0.5)
     way.begin(home + corner[-1])
-    passed = []
-    while not way.done:
-        passed.append(way.target()[0] - home)
-        way.time += 0.01
-    passed = np.array(passed)
+    passed = np.array([way.at(time)[0] - home for time in np.arange(0.0, way.remaining, 0.01)])
     np.testing.assert_allclose(passed[0] + home, corner[-1] + home)
     np.testing.assert_allclose(passed[-1], corner[0], atol=1e-9)
     # Either the first joint is at the corner or the second one at its start.
@@ -94,7 +90,7 @@ def test_the_way_back_is_the_way_that_was_come():
     assert np.abs(np.diff(passed, axis=0)).max() <= 0.5 * 0.01 * 1.01
     rest = PostureMotion(joints, np.tile(home, (2, 1)), 0.5)
     rest.begin(home)
-    np.testing.assert_array_equal(rest.target()[0] - home, 0.0)
+    np.testing.assert_array_equal(rest.at(0.0)[0] - home, 0.0)
 
 
 def test_an_insertion_that_is_on_the_spot_succeeds_and_others_do_not():

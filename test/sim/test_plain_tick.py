@@ -3,13 +3,16 @@ import numpy as np
 import pytest
 
 from gdmp_ros.control.arm_states import Request, State
+from gdmp_ros.control.identification import FrictionIdentification
+from gdmp_ros.control.joint_motion import PostureMotion
+from gdmp_ros.control.plain_tick import controller_of, MADE, OTHER
 from gdmp_ros.control.settings import ControllerSettings
 from gdmp_ros.control.target import resting_target, TWIST
 from gdmp_ros.errors import DataError, RefusedError
 from gdmp_ros.sim.arm import Arm, FATAL
 from gdmp_ros.sim.closed_loop import ClosedLoop
 from gdmp_ros.sim.payload import Payload
-from gdmp_ros.sim.plain_tick import only_goes_on
+from gdmp_ros.sim.plain_tick import end_tick, only_goes_on, plain_tick, robot_of
 from gdmp_ros.sim.plant import PlantSettings
 from gdmp_ros.sim.teaching import Hand, HandSettings
 
@@ -90,10 +93,9 @@ def test_a_warning_that_is_harmless_changes_nothing(loops):
 @pytest.mark.parametrize('asked', [
     lambda loop: loop.arm.announce(Payload(1.0)),
     lambda loop: loop.controller.configure(ControllerSettings(damping_ratio=0.9)),
-    lambda loop: loop.controller.posture.approach(loop.arm.measure().position + 0.1),
     lambda loop: loop.do(Request.REFILL),
     lambda loop: setattr(loop.driver, 'hand', Hand(loop.arm.measure().pose, HandSettings()))],
-    ids=['payload', 'settings', 'posture', 'tank', 'hand'])
+    ids=['payload', 'settings', 'tank', 'hand'])
 def test_what_changes_is_left_to_the_controller(asked):
     loop = ClosedLoop(Arm())
     loop.tick()
@@ -107,3 +109,96 @@ def test_what_changes_is_left_to_the_controller(asked):
 def test_a_plant_that_is_not_the_model_has_no_plain_tick(plant):
     loop = ClosedLoop(Arm(plant=plant))
     assert not only_goes_on(loop, loop.driver)
+
+
+def compiled(loop, count):
+    """Make ticks by kernels; how many of them Python had to make."""
+    by_python = 0
+    for _ in range(count):
+        why = OTHER
+        if only_goes_on(loop, loop.driver):
+            why = plain_tick(robot_of(loop.arm), controller_of(loop), loop.driver.dt)
+            loop.controller.catch_up()
+        if why == OTHER:
+            loop.tick()
+        elif why != MADE:
+            end_tick(loop, loop.driver, why)
+        by_python += why != MADE
+    return by_python
+
+
+def move(loop):
+    goal = loop.arm.home + [0.3, -0.2, 0.1, 0.2, -0.1, 0.2, 0.3]
+    loop.do(Request.MOVE, PostureMotion(loop.joints, goal[None], 0.5))
+
+
+def identify(loop):
+    loop.do(Request.IDENTIFY, FrictionIdentification(loop.joints, loop.arm.chain, (0.5,), 0.3))
+
+
+def move_and_stop(loop):
+    move(loop)
+    for _ in range(300):
+        loop.tick()
+    loop.do(Request.STOP)
+
+
+def follow_and_lose(loop):
+    for reference in motion(loop, 300):
+        loop.must_follow(reference)
+        loop.tick()
+
+
+@pytest.mark.parametrize('begin, state', [
+    (move, State.MOVING), (identify, State.IDENTIFYING), (move_and_stop, State.STOPPING),
+    (follow_and_lose, State.FOLLOWING), (lambda loop: loop.do(Request.GUIDE), State.GUIDED),
+    (lambda loop: loop.do(Request.COMPLY), State.COMPLIANT),
+    (lambda loop: loop.fail('broken'), State.FAULT)],
+    ids=['posture', 'identification', 'braking', 'lost stream', 'guided', 'compliant', 'fault'])
+def test_whatever_an_arm_does_is_the_same(loops, begin, state):
+    """It goes on by kernels until its state changes; then Python makes one tick, or ends it."""
+    one, other = loops
+    for loop in loops:
+        for _ in range(3):
+            loop.tick()
+        begin(loop)
+        assert loop.states.state is state
+        loop.arm.data.qvel[:] += 0.02
+    for _ in range(2500):
+        one.tick()
+    # The first tick of a motion, its last one, and the beginning and the end of a stop.
+    assert compiled(other, 2500) <= 3
+    assert other.states.state is one.states.state
+    np.testing.assert_allclose(other.arm.data.qpos, one.arm.data.qpos, atol=1e-12)
+    np.testing.assert_allclose(other.controller.memory.torque, one.controller.memory.torque,
+                               atol=1e-9)
+    assert other.controller.tank.energy == pytest.approx(one.controller.tank.energy, abs=1e-12)
+    if one.joint_motion is not None:
+        np.testing.assert_allclose(other.joint_motion.path.samples, one.joint_motion.path.samples,
+                                   atol=1e-9)
+    # Afterwards both follow alike: the guard knows where the arm is.
+    for loop in loops:
+        if state in (State.GUIDED, State.COMPLIANT, State.FAULT):
+            loop.do(Request.RECOVER if state is State.FAULT else Request.STOP)
+        elif loop.moves_joints:
+            loop.do(Request.STOP)
+            for _ in range(400):
+                loop.tick()
+    references = motion(one, 200)
+    np.testing.assert_allclose(other.follow_all(references), one_by_one(one, references),
+                               atol=1e-12)
+
+
+def test_a_motion_that_is_held_ends_alike(loops):
+    """A joint is stopped by more than its motor; kernels see it in the same tick."""
+    ended = []
+    for loop, go in zip(loops, (lambda loop: loop.tick(), lambda loop: compiled(loop, 1))):
+        move(loop)
+        loop.arm.model.dof_damping[0] = 3000.0
+        ticks = 0
+        while loop.moves_joints:
+            go(loop)
+            ticks += 1
+        ended.append((ticks, loop.joint_motion_problem))
+    assert ended[0] == ended[1]
+    assert 'joint 1 is 0.2 rad from where it is to be' in ended[0][1]

@@ -22,7 +22,7 @@ from experiments.position_trial import (
 from gdmp_ros.control.admittance import DAMPING_SHARE
 from gdmp_ros.control.arm_states import Request, State
 from gdmp_ros.control.joint_motion import PostureMotion
-from gdmp_ros.control.plain_tick import controller_of, MADE, only_follows
+from gdmp_ros.control.plain_tick import controller_of, MADE
 from gdmp_ros.control.servo import AHEAD_ACCELERATION, ServoState, write_measured
 from gdmp_ros.control.settings import TankSettings
 from gdmp_ros.control.surroundings import depths
@@ -63,7 +63,7 @@ def test_a_compiled_tick_is_the_same():
         trials[0].loop.must_follow(reference)
         tick = trials[0].driver.reported(trials[0].loop.tick())
         compiled.must_follow(reference)
-        if only_follows(compiled):
+        if compiled.only_goes_on:
             write_measured(driver.servo, driver.link.read())
             view, controller = view_of(driver), controller_of(compiled)
             assert plain_tick(view, controller) == MADE

@@ -8,7 +8,7 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 
 from gdmp_ros.control.arm_driver import ArmStopped
 from gdmp_ros.control.measurement import Tick
-from gdmp_ros.control.plain_tick import only_follows, OTHER
+from gdmp_ros.control.plain_tick import OTHER
 from gdmp_ros.franka.channel import Channel, CYCLE_S
 from gdmp_ros.franka.driver import FrankaDriver
 from gdmp_ros.franka.plain_cycle import link_of
@@ -106,7 +106,7 @@ class FrankaArm(ArmBackend):
         if loop is not None:
             loop.begin(round(CYCLE_S * NS))
         while True:
-            if loop is not None and loop.may_go_on(self._only_follows):
+            if loop is not None and loop.may_go_on(self._only_goes_on):
                 worked = self._without_interpreter(loop, driver, worked)
             commands.carry_out()
             measured = control.wait()
@@ -131,11 +131,11 @@ class FrankaArm(ArmBackend):
         if self._clock_out is not None:
             self._clock_out.publish(ClockMessage(clock=stamp_of(stamp)))
 
-    def _only_follows(self) -> bool:
+    def _only_goes_on(self) -> bool:
         """Whether the next cycle may be one that a kernel makes."""
         node, driver = self.node, self._driver
         return (node.active and not node.commands.asked and driver is not None
-                and driver.controlled and only_follows(node.control))
+                and driver.controlled and node.control.only_goes_on)
 
     def _without_interpreter(self, loop: FrankaLoop, driver: FrankaDriver, worked: int) -> int:
         """
@@ -160,7 +160,7 @@ class FrankaArm(ArmBackend):
         if why == MESSAGE:
             commands.offer(loop.message, self._next_stamp(driver))
         elif made and why not in (ASKED, OTHER):
-            tick = control.controller.end_tick(why)
+            tick = control.end_tick(why)
             try:
                 driver.command(tick.torque)
             except ArmStopped as error:

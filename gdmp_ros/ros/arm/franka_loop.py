@@ -15,7 +15,6 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 
 from gdmp_ros.control.arm_control import ArmControl
 from gdmp_ros.control.plain_tick import controller_of, MADE, OTHER
-from gdmp_ros.control.stream import is_plain
 from gdmp_ros.franka.channel import (
     ARRIVED,
     between_arrivals,
@@ -168,7 +167,7 @@ def run(loop, times, links, scratch, outbox, link, controller, by_wall_time):
         if receive(wire, PATIENCE_MS) != CAME:
             return ASKED
         wire.integers[UNREAD] = 1
-        if not (moves(wire) and is_plain(controller.stream)):
+        if not moves(wire):
             return OTHER
         stamp = (robot_stamp(loop[STAMPED], loop[ANSWERED], wire.integers[NUMBER])
                  if loop[CLOCKED] != 0 else wall_ns(clocks, spec))

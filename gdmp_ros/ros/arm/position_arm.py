@@ -12,7 +12,7 @@ import numpy as np
 
 from gdmp_ros.control.admittance import AdmittanceSettings
 from gdmp_ros.control.measurement import Tick
-from gdmp_ros.control.plain_tick import only_follows, OTHER
+from gdmp_ros.control.plain_tick import OTHER
 from gdmp_ros.errors import DataError
 from gdmp_ros.realtime.loop import Loop, NS, periodic
 from gdmp_ros.realtime.native import LEFT, PERIOD, prepared
@@ -105,7 +105,7 @@ class PositionArm(ArmBackend):
         commands, control, out = node.commands, node.control, node.state_out
         loop.begin(self._period_ns)
         while True:
-            loop.may_go_on(self._only_follows)
+            loop.may_go_on(self._only_goes_on)
             numbers[SEQUENCE], before = commands.sequence, int(out.written[0])
             numbers[MODE] = control.states.state.mode
             why = loop.run(control, self.driver, node.lateness)
@@ -125,17 +125,17 @@ class PositionArm(ArmBackend):
                 if why in (ASKED, MESSAGE, OTHER):
                     self._tick(now)
                 else:
-                    tick = control.controller.end_tick(why)
+                    tick = control.end_tick(why)
                     self.driver.command(tick.torque)
                     self._publish(tick, now)
                 numbers[LEFT] = 0
             yield 0
 
-    def _only_follows(self) -> bool:
+    def _only_goes_on(self) -> bool:
         """Whether the next tick may be one that a kernel makes."""
         node = self.node
         return (node.active and not node.commands.asked and self.driver.controlled
-                and only_follows(node.control))
+                and node.control.only_goes_on)
 
     def _wall_tick(self, deadline_ns: int, now_ns: int) -> None:
         node, period = self.node, self._period_ns
