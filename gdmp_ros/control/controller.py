@@ -246,24 +246,21 @@ class ImpedanceController:
         (arm, twist), guard = self._measured(measured, dt), self.guard
         known = is_finite(measured.pose) and is_finite(twist)
         robot = MeasuredMotion(measured.pose, twist, measured.position, measured.velocity)
-        target, requested = guard.target(dt, robot if known else None), _NOTHING
+        target = guard.target(dt, robot if known else None)
         if guard.in_joints:
             does, arm.joint_target[:] = JOINT_SPRINGS, target
         else:
             does, arm.target[:] = TOOL_SPRING, target
-            requested = target[STIFFNESS:STIFFNESS + 36].copy()
         arm.scalars.does = does
         self._answer(compute(self.numbers), measured)
         if known:
             self._last_pose, self._last_position = measured.pose.copy(), measured.position.copy()
-        return self._tick(measured, twist, requested, arm.joint_reference if guard.in_joints
-                          else None)
+        return self._tick(measured, twist)
 
     @property
     def only_goes_on(self) -> bool:
         """Whether no setting changes: then a kernel can make the next tick."""
-        return not (self._next is not None or self._next_scene is not None or self._refills
-                    or self.memory.scalars.law != TOOL_SPRING)
+        return not (self._next is not None or self._next_scene is not None or self._refills)
 
     def catch_up(self) -> None:
         """Know where the robot is, after ticks that a kernel has made."""
@@ -280,11 +277,9 @@ class ImpedanceController:
             arm.inertia.copy(), arm.bias.copy(), arm.external.copy(), arm.acceleration.copy(),
             arm.scalars.potential)
         self.catch_up()
-        mode, springs = self.states.state.mode, arm.scalars.does == TOOL_SPRING
+        mode, springs = self.states.state.mode, arm.scalars.does in (TOOL_SPRING, JOINT_SPRINGS)
         self._answer(event, measured)
-        return self._tick(measured, arm.twist.copy(),
-                          arm.target[STIFFNESS:STIFFNESS + 36].copy() if springs else _NOTHING,
-                          None, None if springs else mode)
+        return self._tick(measured, arm.twist.copy(), None if springs else mode)
 
     def _answer(self, event: int, measured: Measurement) -> None:
         """Do what an event of the law asks for."""
@@ -433,17 +428,23 @@ class ImpedanceController:
         # A collision ends what the arm does after this tick.
         mode = self.states.state.mode
         self._answer(compute(), measured)
-        return self._tick(measured, twist, _NOTHING, None, mode)
+        return self._tick(measured, twist, mode)
 
-    def _tick(self, measured: Measurement, twist: np.ndarray, requested: np.ndarray,
-              joints: np.ndarray | None, mode: ArmMode | None = None) -> Tick:
+    def _tick(self, measured: Measurement, twist: np.ndarray, mode: ArmMode | None = None
+              ) -> Tick:
+        """
+        What has been done in a tick.
+
+        :param mode: in which it was; by default in the present one
+        """
         arm, scalars = self.memory, self.memory.scalars
-        at_tool = scalars.law == TOOL_SPRING and scalars.does == TOOL_SPRING
-        return Tick(measured, twist, arm.wrench.copy(),
-                    arm.reference[STIFFNESS:STIFFNESS + 36].copy() if at_tool else _NOTHING,
-                    requested, arm.torque.copy(), arm.commanded.copy(),
-                    self.guard.mode if mode is None else mode, scalars.stored, scalars.energy,
-                    arm.violation.copy(), joints)
+        applied, requested = ((target[STIFFNESS:STIFFNESS + 36].copy()
+                               for target in (arm.reference, self.guard.targets[0]))
+                              if scalars.does == TOOL_SPRING else (_NOTHING, _NOTHING))
+        joints = arm.joint_reference.copy() if scalars.does == JOINT_SPRINGS else None
+        return Tick(measured, twist, arm.wrench.copy(), applied, requested, arm.torque.copy(),
+                    arm.commanded.copy(), self.guard.mode if mode is None else mode,
+                    scalars.stored, scalars.energy, arm.violation.copy(), joints)
 
     def _react(self, event: int) -> None:
         """React to a collision with what the arm does because of a request."""

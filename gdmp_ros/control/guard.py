@@ -123,8 +123,8 @@ class ReferenceGuard:
         :returns: whether it was accepted
         """
         kind, known, age = self._kind_of(target), self._stream, float(origin.age)
-        if kind is self._tool and origin.frame == self.settings.frame:
-            done = stream.go_on(self.numbers, self._tool.target, self.held, target, age,
+        if origin.frame == self.settings.frame:
+            done = stream.go_on(self.numbers, kind.target, self.held, target, age,
                                 float(origin.stamp), float(origin.sequence),
                                 float(origin.mode))
             if done != stream.OTHER:
@@ -193,6 +193,7 @@ class ReferenceGuard:
         known.timeout, known.stamp_tolerance = settings.timeout, settings.stamp_tolerance
         known.stop_time = settings.stop_time
         known.jump_position, known.jump_rotation = settings.jump_position, settings.jump_rotation
+        known.jump_joints = settings.jump_joints
         known.fastest, known.fastest_turn = (HEADROOM * limits.speed,
                                              HEADROOM * limits.angular_speed)
 
@@ -251,8 +252,7 @@ class ReferenceGuard:
     def hold(self, pose: np.ndarray) -> None:
         """Follow nothing, and hold a pose (x, y, z, qw, qx, qy, qz)."""
         self._forget()
-        self._stream.of_joints = 0.0
-        self._tool.rest_at(self._robot._replace(pose=pose))
+        stream.rest_at(self.numbers, self._tool.target, pose)
 
     def target(self, dt: float, robot: MeasuredMotion | None = None) -> np.ndarray:
         """

@@ -14,10 +14,17 @@ import numpy as np
 from gdmp_ros.control.arm_control import ArmControl
 from gdmp_ros.control.joint_path import JointPath, make_way
 from gdmp_ros.control.law import compute, let_move
-from gdmp_ros.control.memory import arm_view, TOOL_SPRING
-from gdmp_ros.control.stream import advance, changes_nothing, elapse, free_damping, rest_at
+from gdmp_ros.control.memory import arm_view, JOINT_SPRINGS, TOOL_SPRING
+from gdmp_ros.control.stream import (
+    advance,
+    changes_nothing,
+    elapse,
+    free_damping,
+    rest_at,
+    STREAM,
+)
 from gdmp_ros.control.target import STIFFNESS
-from gdmp_ros.kernels import kernel
+from gdmp_ros.kernels import kernel, records_at
 from gdmp_ros.manifolds.linalg import copy_into, is_finite
 
 #: What a tick returns beside the events of `compute`: it was made; nothing was done, so it is to
@@ -72,14 +79,19 @@ def decide(controller, dt):
     elapse(controller.stream, dt)
     damping = free_damping(controller.stream)
     if moves or damping > 0.0:
-        rest_at(controller.target, arm.pose)
+        rest_at(controller.stream, controller.target, arm.pose)
         arm.scalars.dt = dt
         if moves:
             return make_way(controller.numbers, controller.path, dt)
         return let_move(controller.numbers, damping)
     advance(controller.stream, controller.target, controller.joints, dt)
-    copy_into(controller.target, arm.target)
-    arm.scalars.dt, arm.scalars.does = dt, TOOL_SPRING
+    arm.scalars.dt = dt
+    if records_at(controller.stream, 0, 1, STREAM)[0].of_joints != 0.0:
+        copy_into(controller.joints, arm.joint_target)
+        arm.scalars.does = JOINT_SPRINGS
+    else:
+        copy_into(controller.target, arm.target)
+        arm.scalars.does = TOOL_SPRING
     return compute(controller.numbers)
 
 
@@ -88,7 +100,8 @@ def write_state(numbers, target, state):
     """
     Write the numbers of the state of a tick, as `gdmp_ros.ros.messages.robot_state_numbers` does.
 
-    :param state: written; what no limit uses stays
+    :param state: written, with room for a reference of the joints; what no limit uses stays
+    :returns: whether the joints follow a reference, which is written at the end
     """
     arm = arm_view(numbers)
     n, at_tool = arm.position.size, arm.scalars.does == TOOL_SPRING
@@ -101,7 +114,11 @@ def write_state(numbers, target, state):
     state[91], state[92] = arm.scalars.stored, arm.scalars.energy
     copy_into(arm.commanded, state[93:99])
     copy_into(arm.violation, state[99:99 + arm.violation.size])
-    joints = state[state.size - 3 * n:]
+    joints = state[state.size - 6 * n:]
     copy_into(arm.position, joints[:n])
     copy_into(arm.velocity, joints[n:2 * n])
-    copy_into(arm.torque, joints[2 * n:])
+    copy_into(arm.torque, joints[2 * n:3 * n])
+    if arm.scalars.does != JOINT_SPRINGS:
+        return False
+    copy_into(arm.joint_reference[:3 * n], joints[3 * n:])
+    return True

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from gdmp_ros.control.joint_target import joints_of, MOST_STIFFNESS
 from gdmp_ros.control.modes import StreamMode
 from gdmp_ros.control.settings import GuardSettings
 from gdmp_ros.control.target import (
@@ -17,7 +18,7 @@ from gdmp_ros.control.target import (
     WRENCH_GAIN,
 )
 from gdmp_ros.kernels import kernel, local_numbers
-from gdmp_ros.manifolds.linalg import copy_into
+from gdmp_ros.manifolds.linalg import copy_into, is_finite
 
 #: Largest deviation of a message's quaternion from unit norm; it is normalized then.
 QUATERNION_TOLERANCE = 1e-3
@@ -32,6 +33,8 @@ LARGEST_DAMPING_RATIO = 2.0
 LARGEST_WRENCH_GAIN = 20.0
 #: Largest velocity of a reference, before any limit of the arm [m/s, rad/s].
 LARGEST_TWIST = 10.0
+#: The same of a joint [rad/s].
+LARGEST_RATE = 20.0
 _MODES, LAST_MODE = frozenset(int(mode) for mode in StreamMode), int(max(StreamMode))
 #: A stream may skip this many sequence numbers.
 LARGEST_GAP = 10_000
@@ -119,6 +122,18 @@ def is_invalid(target):
     if abs(math.sqrt(norm) - 1.0) > QUATERNION_TOLERANCE:
         return True
     return not _is_positive_definite(target[STIFFNESS:STIFFNESS + 36])
+
+
+@kernel
+def is_invalid_for_joints(target):
+    """Whether a target of the joints has a number that is not finite, or beyond its bounds."""
+    n = joints_of(target)
+    if not is_finite(target):
+        return True
+    for i in range(n):
+        if not (abs(target[n + i]) <= LARGEST_RATE and 0.0 < target[2 * n + i] <= MOST_STIFFNESS):
+            return True
+    return not 0.0 <= target[3 * n] <= LARGEST_DAMPING_RATIO
 
 
 @kernel

@@ -11,9 +11,13 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from gdmp_ros.control.joint_target import joint_target_size, MOST_STIFFNESS, resting_joints
-from gdmp_ros.control.reference_check import invalid_target, LARGEST_DAMPING_RATIO
+from gdmp_ros.control.reference_check import (
+    invalid_target,
+    is_invalid_for_joints,
+    LARGEST_DAMPING_RATIO,
+    LARGEST_RATE,
+)
 from gdmp_ros.control.settings import GuardSettings
-from gdmp_ros.control.stream import rest_at
 from gdmp_ros.control.target import (
     DAMPING_RATIO,
     POSE,
@@ -24,8 +28,6 @@ from gdmp_ros.manifolds.quaternion import normalize, pose_distance
 
 #: Stiffness with which the joints are held before the first reference of the joints [Nm/rad].
 HOLD_JOINT_STIFFNESS = 200.0
-#: A joint may move at most this fast, before any limit of the arm [rad/s].
-LARGEST_RATE = 20.0
 #: The first references of a motion may be lost for this time [s].
 LOST_S = 0.2
 
@@ -82,9 +84,6 @@ class ReferenceKind(Protocol):
         :param gap: time in between in which there were no references [s]
         """
 
-    def rest_at(self, robot: MeasuredMotion) -> None:
-        """Rest where the robot is."""
-
     def damp(self, ratio: float) -> None:
         """Use a damping ratio while nothing is followed."""
 
@@ -139,10 +138,6 @@ class PoseReferences:
                 return f'the {what} jumps by {value:.3g} {unit}, expected at most {limit:.3g}'
         return None
 
-    def rest_at(self, robot: MeasuredMotion) -> None:
-        """Rest where the robot is."""
-        rest_at(self.target, robot.pose)
-
     def damp(self, ratio: float) -> None:
         """Use a damping ratio while nothing is followed."""
         self.target[DAMPING_RATIO] = ratio
@@ -164,6 +159,8 @@ class JointReferences:
             return (f'a reference of {(len(target) - 1) // 3} joints, the arm has {n}' if n else
                     'references of the joints are not followed')
         velocity, stiffness, ratio = target[n:2 * n], target[2 * n:3 * n], target[-1]
+        if not is_invalid_for_joints(target):
+            return None
         if not np.isfinite(target).all():
             return 'a number of a joint is NaN or infinite'
         if not np.abs(velocity).max() <= LARGEST_RATE:
@@ -173,9 +170,7 @@ class JointReferences:
             wrong = stiffness.min() if not stiffness.min() > 0.0 else stiffness.max()
             return (f'the stiffness of a joint is {wrong:.3g} Nm/rad, expected more than 0, at '
                     f'most {MOST_STIFFNESS:g}')
-        if not 0.0 <= ratio <= LARGEST_DAMPING_RATIO:
-            return f'damping ratio is {ratio:.3g}, expected 0 to {LARGEST_DAMPING_RATIO:g}'
-        return None
+        return f'damping ratio is {ratio:.3g}, expected 0 to {LARGEST_DAMPING_RATIO:g}'
 
     def place(self, target: np.ndarray) -> np.ndarray:
         """Copy of the part of a target that says where it is."""
@@ -211,13 +206,6 @@ class JointReferences:
             return None
         return (f'joint {int(np.argmax(step)) + 1} jumps by {step.max():.3g} rad, expected at '
                 f'most {limit:.3g}')
-
-    def rest_at(self, robot: MeasuredMotion) -> None:
-        """Rest where the robot is."""
-        n = self._n
-        if len(robot.position) == n:
-            self.target[:n] = robot.position
-        self.target[n:2 * n] = 0.0
 
     def damp(self, ratio: float) -> None:
         """Use a damping ratio while nothing is followed."""

@@ -14,7 +14,7 @@ import numpy as np
 from gdmp_ros.control.arm_states import State
 from gdmp_ros.control.joint_target import joints_of
 from gdmp_ros.control.modes import StreamMode
-from gdmp_ros.control.reference_check import continues, is_invalid
+from gdmp_ros.control.reference_check import continues, is_invalid, is_invalid_for_joints
 from gdmp_ros.control.target import (
     ACCELERATION,
     extrapolate_pose,
@@ -68,7 +68,7 @@ STREAM = np.dtype([(name, np.float64) for name in (
     'stop_progress',    # of coming to rest, 1 at rest
     # Settings.
     'stop_time',        # [s]
-    'timeout', 'stamp_tolerance', 'jump_position', 'jump_rotation',
+    'timeout', 'stamp_tolerance', 'jump_position', 'jump_rotation', 'jump_joints',
     'fastest', 'fastest_turn')])  # how fast references may go on [m/s, rad/s]
 _SCALARS = len(STREAM.names or ())
 _FIXED = _SCALARS + 21 + 6 + TARGET_SIZE - WRENCH
@@ -253,41 +253,54 @@ def use(numbers, last, target, age, stamp, sequence, begins):
 
 
 @kernel
+def _jumps(numbers, last, target):
+    """Whether a reference is too far from the last one of its stream."""
+    stream = records_at(numbers, 0, 1, STREAM)[0]
+    if stream.of_joints != 0.0:
+        for i in range(joints_of(target)):
+            if not abs(target[i] - last[i]) <= stream.jump_joints:
+                return True
+        return False
+    distance, angle = pose_distance(newest(numbers).place, target[POSE:POSE + 7])
+    way, turn = allowance(numbers)
+    return not (distance <= way and angle <= turn)
+
+
+@kernel
 def go_on(numbers, last, held, target, age, stamp, sequence, mode):
     """
-    Follow a reference of the tool that continues its stream, or remember one that rests.
+    Follow a reference that continues its stream, or remember one that rests.
 
     :param numbers: a `STREAM` record
-    :param last: target that is followed, changed
-    :param held: written: where a reference that rests is (x, y, z, qw, qx, qy, qz)
-    :param target: `TARGET_SIZE` numbers in the frame of the arm; its quaternion is normalised
+    :param last: target of the tool, or of the joints, changed if it is followed
+    :param held: written: where a reference that rests is (x, y, z, qw, qx, qy, qz), or its joints
+    :param target: `TARGET_SIZE` numbers in the frame of the arm, or those of
+        `gdmp_ros.control.joint_target`; a quaternion is normalised
     :param age: present time minus its stamp [s]
     :param stamp: [s]; 0 if it has none
     :returns: `FOLLOWED`, `REMEMBERED`, or `OTHER`: then nothing was done, and it is to be decided
     """
-    stream = records_at(numbers, 0, 1, STREAM)[0]
+    stream, of_joints = records_at(numbers, 0, 1, STREAM)[0], target.size != TARGET_SIZE
     follows = (stream.state == _FOLLOWING and mode == _MOTION
                or stream.state == _RESTING and mode == _REST)
     # Where nothing is followed, a stream that rests asks for nothing.
     waits = mode == _REST and (stream.state == _HOLDING and stream.resumable == 0.0
                                or stream.state >= _GUIDED)
-    if not (follows or waits) or stream.of_joints != 0.0:
+    if not (follows or waits) or follows and (stream.of_joints != 0.0) != of_joints:
         return OTHER
-    if not abs(age) <= stream.stamp_tolerance or is_invalid(target):
+    if not abs(age) <= stream.stamp_tolerance or target.size != last.size:
         return OTHER
-    normalize(target[POSE + 3:POSE + 7])
-    if follows:
-        if not continues(sequence, stream.sequence):
-            return OTHER
-        distance, angle = pose_distance(newest(numbers).place, target[POSE:POSE + 7])
-        way, turn = allowance(numbers)
-        if not (distance <= way and angle <= turn):
-            return OTHER
+    if is_invalid_for_joints(target) if of_joints else is_invalid(target):
+        return OTHER
+    if not of_joints:
+        normalize(target[POSE + 3:POSE + 7])
+    if follows and (not continues(sequence, stream.sequence) or _jumps(numbers, last, target)):
+        return OTHER
     stream.on_time = sequence
-    remember(numbers, mode, sequence, 0.0)
+    remember(numbers, mode, sequence, 1.0 if of_joints else 0.0)
     if mode == _REST:
-        for i in range(7):
-            held[i] = target[POSE + i]
+        for i in range(joints_of(target) if of_joints else 7):
+            held[i] = target[i]
     if follows:
         use(numbers, last, target, age, stamp, sequence, False)
     return FOLLOWED if follows else REMEMBERED
@@ -310,13 +323,11 @@ def is_lost(numbers):
 @kernel
 def changes_nothing(numbers, dt):
     """
-    Whether a tick leaves the arm in its state, and is not of references of the joints.
+    Whether a tick leaves the arm in its state.
 
     :param dt: its duration [s]
     """
     stream = records_at(numbers, 0, 1, STREAM)[0]
-    if stream.of_joints != 0.0:
-        return False
     if stream.state == _STOPPING:
         return stream.stop_progress + dt / stream.stop_time < 1.0
     return not (is_followed(numbers) and is_lost(numbers))
@@ -396,11 +407,16 @@ def _slow_down(numbers, tool, joints, dt):
 
 
 @kernel
-def rest_at(target, pose):
-    """Let a target of the tool rest (x, y, z, qw, qx, qy, qz); its stiffness stays."""
-    target[:STIFFNESS] = 0.0
-    target[WRENCH:] = 0.0
-    copy_into(pose, target[POSE:POSE + 7])
+def rest_at(numbers, tool, pose):
+    """
+    Follow nothing but a target of the tool that rests; its stiffness stays.
+
+    :param pose: of the tool (x, y, z, qw, qx, qy, qz)
+    """
+    records_at(numbers, 0, 1, STREAM)[0].of_joints = 0.0
+    tool[:STIFFNESS] = 0.0
+    tool[WRENCH:] = 0.0
+    copy_into(pose, tool[POSE:POSE + 7])
 
 
 def blank(joints: int) -> np.ndarray:

@@ -93,10 +93,18 @@ def reference_target(message: Any) -> np.ndarray:
 
 
 def joint_target(message: Any) -> np.ndarray:
-    """The numbers of a reference of the joints (`gdmp_ros.control.joint_target`)."""
+    """
+    The numbers of a reference of the joints (`gdmp_ros.control.joint_target`).
+
+    :raises DataError: if there are not as many velocities and stiffnesses as positions
+    """
     joints = message.joints[0]
-    return np.concatenate([joints.position, joints.velocity, joints.stiffness,
-                           [message.damping_ratio]])
+    parts = joints.position, joints.velocity, joints.stiffness
+    counts = [len(part) for part in parts]
+    if len(set(counts)) > 1:
+        raise DataError('a reference of the joints has {} positions, {} velocities and {} '
+                        'stiffnesses, expected as many of each'.format(*counts))
+    return np.concatenate([*parts, [message.damping_ratio]])
 
 
 def joint_positions(message: Any, names: Sequence[str] = ()) -> np.ndarray:

@@ -223,14 +223,32 @@ def take_message(calls, subscription, message):
 
 
 @kernel
-def _is_alike(data, inlet):
-    if data.size != inlet.like.size:
+def is_alike(data, known):
+    """
+    Whether a message differs from a known one in stamp and numbers only.
+
+    :param known: with ``like`` and ``same``, as an `Inlet` or a `gdmp_ros.ros.serialized.Layout`
+    """
+    if data.size != known.like.size:
         return False
-    for k in range(len(inlet.same)):
-        for at in range(inlet.same[k, 0], inlet.same[k, 1]):
-            if data[at] != inlet.like[at]:
+    for k in range(len(known.same)):
+        for at in range(known.same[k, 0], known.same[k, 1]):
+            if data[at] != known.like[at]:
                 return False
     return True
+
+
+@kernel
+def read_numbers(data, places, numbers):
+    """
+    Read numbers of a message.
+
+    :param places: the first byte of each
+    :param numbers: written, as bytes
+    """
+    for k in range(places.size):
+        for byte in range(8):
+            numbers[8 * k + byte] = data[places[k] + byte]
 
 
 @kernel
@@ -249,11 +267,9 @@ def take_newest(calls, inlet, now):
         if ask_c(calls[_TAKE], (inlet.handle[0], inlet.message, inlet.about, none)) != 0:
             break
         data = bytes_at(inlet.message[0], inlet.message[1])
-        if not _is_alike(data, inlet):
+        if not is_alike(data, inlet):
             return FOREIGN
-        for k in range(inlet.places.size):
-            for byte in range(8):
-                inlet.numbers[8 * k + byte] = data[inlet.places[k] + byte]
+        read_numbers(data, inlet.places, inlet.numbers)
         arrived = inlet.about[_ARRIVED]
         inlet.arrived[0], found = arrived if arrived != 0 else now, READ
     return found

@@ -17,10 +17,11 @@ from geometry_msgs.msg import PoseStamped
 import numpy as np
 from rclpy.serialization import serialize_message
 
+from gdmp_ros.control.joint_target import joint_target_size
 from gdmp_ros.control.reference_check import QUATERNION_TOLERANCE
 from gdmp_ros.control.target import TARGET_SIZE
 from gdmp_ros.data.bags import joint_target, ns_of, reference_target
-from gdmp_ros.ros.messages import checked_pose, fill_reference, NS
+from gdmp_ros.ros.messages import checked_pose, fill_joint_reference, fill_reference, NS
 from gdmp_ros.ros.middleware import deserialized
 
 #: Serialised data; the name ``bytes`` is a method below.
@@ -259,19 +260,67 @@ class ReceivedReference(NamedTuple):
     mode: int
 
 
-class ReferenceReader:
-    """Reads serialised references: quickly those of the tool in one frame, and all others."""
+class Layout(NamedTuple):
+    """
+    Where everything is in messages of one kind and size, for kernels.
 
-    def __init__(self, frame: str):
-        """:param frame: ``frame_id`` that the references have"""
+    :ivar like: one of them, as bytes
+    :ivar same: ranges of bytes that are the same in all, shape (k, 2)
+    :ivar places: the first byte of each number
+    :ivar parts: the first byte of the stamp, of the sequence number and of the mode
+    """
+
+    like: np.ndarray
+    same: np.ndarray
+    places: np.ndarray
+    parts: np.ndarray
+
+
+class _KnownReferences:
+    """References of one frame, of the tool or of some joints, that are read quickly."""
+
+    def __init__(self, frame: str, joints: int = 0):
         message = Reference()
-        message.header.frame_id = self._frame = frame
-        self._template = SerializedTemplate(message, TARGET_SIZE, fill_reference)
-        self._check = _FrameCheck(self._template.bytes(np.zeros(TARGET_SIZE)), frame)
+        message.header.frame_id = frame
+        count = joint_target_size(joints) if joints else TARGET_SIZE
+        self.template = SerializedTemplate(message, count,
+                                           fill_joint_reference if joints else fill_reference)
+        like, places, parts = self.template.layout()
+        same = [(0, _HEADER), (_HEADER + 8, _HEADER + 12 + len(frame.encode()) + 1)]
+        for before, array in enumerate(places[:3 * joints:joints] if joints else ()):
+            # Before the first array stands the number of references of joints: one.
+            begin, length = int(array) - 8, struct.pack('<I', joints)
+            expected = length if before else struct.pack('<I', 1) + length
+            same.append((begin, begin + len(expected)))
+            if like[begin:begin + len(expected)].tobytes() != expected:
+                raise RuntimeError('unknown serialisation: an array of joints has no length')
+        self.layout = Layout(like, np.array(same), places, parts)
+        self._same = [(begin, end, like[begin:end].tobytes()) for begin, end in same]
 
-    def layout(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """That of references that are read quickly; see `SerializedTemplate.layout`."""
-        return self._template.layout()
+    def fit(self, data: Buffer) -> bool:
+        """Whether a serialised message is one of them."""
+        return len(data) == self.template.size and all(
+            data[begin:end] == part for begin, end, part in self._same)
+
+
+class ReferenceReader:
+    """Reads serialised references: quickly those in one frame, and all others."""
+
+    def __init__(self, frame: str, joints: int = 1):
+        """
+        Prepare.
+
+        :param frame: ``frame_id`` that the references have
+        :param joints: how many those of joints have
+        """
+        self._frame = frame
+        self._known = _KnownReferences(frame), _KnownReferences(frame, joints)
+
+    @property
+    def layouts(self) -> tuple[Layout, Layout]:
+        """Those of references of the tool, and of the joints, that are read quickly."""
+        of_tool, of_joints = self._known
+        return of_tool.layout, of_joints.layout
 
     def read(self, data: Buffer) -> ReceivedReference:
         """
@@ -279,12 +328,11 @@ class ReferenceReader:
 
         :raises DataError: if it is not a reference
         """
-        template = self._template
-        # References of the joints are longer.
-        if len(data) == template.size and self._check.passes(data):
-            sequence, mode = template.integers_of(data)
-            return ReceivedReference(template.numbers_of(data), self._frame, stamp_ns_of(data),
-                                     sequence, mode)
+        for known in self._known:
+            if known.fit(data):
+                sequence, mode = known.template.integers_of(data)
+                return ReceivedReference(known.template.numbers_of(data), self._frame,
+                                         stamp_ns_of(data), sequence, mode)
         message = deserialized(data, Reference)
         header = message.header
         return ReceivedReference(

@@ -69,15 +69,16 @@ def plain_tick(view, controller):
 
 @kernel
 def write_arm(view, controller, state):
-    """Write the numbers of the state of a tick, with the arm itself instead of the virtual one."""
+    """See `write_state`; with the arm itself instead of the virtual one."""
     servo, arm = view.servo, arm_view(controller.numbers)
-    write_state(controller.numbers, controller.target, state)
+    of_joints = write_state(controller.numbers, controller.target, state)
     n = arm.position.size
     copy_into(servo.pose, state[:7])
     for k in range(6):
         state[7 + k] = 0.0
         for i in range(n):
             state[7 + k] += arm.jacobian[k, i] * servo.measured[1, i]
-    joints = state[state.size - 3 * n:]
+    joints = state[state.size - 6 * n:]
     copy_into(servo.measured[0], joints[:n])
     copy_into(servo.measured[1], joints[n:2 * n])
+    return of_joints

@@ -13,7 +13,8 @@ from rclpy.executors import Executor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode
 
-from gdmp_ros.control.arm_states import State
+from gdmp_ros.control.arm_states import Request, State
+from gdmp_ros.control.joint_motion import PostureMotion
 from gdmp_ros.control.joint_target import resting_joints
 from gdmp_ros.control.limits import LIMITS
 from gdmp_ros.control.modes import StreamMode
@@ -97,7 +98,7 @@ def test_every_tick_is_sent_once(bed, monkeypatch):
     stamps = np.array([one.header.stamp.sec * 10**9 + one.header.stamp.nanosec for one in found])
     assert (np.diff(stamps) > 0).all()
     last = RobotState()
-    fill_robot_state(last, bed.out.numbers)
+    fill_robot_state(last, bed.out.numbers[:ROBOT_STATE_FIXED + 21])
     assert found[-1].position == last.position
     assert np.array_equal(found[-1].limited, last.limited)
     assert found[-1].mode == bed.control.states.state.mode
@@ -122,28 +123,70 @@ def test_it_needs_no_lock_of_the_interpreter(bed):
     thread.join()
 
 
-def test_the_state_of_a_kernel_is_that_of_the_interpreter(bed):
+def guide(bed):
+    bed.control.do(Request.GUIDE)
+
+
+def follow_joints(bed):
+    assert bed.control.follow(resting_joints(bed.backend.model.measure().position,
+                                             np.full(7, 100.0)))
+
+
+@pytest.mark.parametrize('begin', [lambda bed: None, guide, follow_joints],
+                         ids=['tool', 'guided', 'joints'])
+def test_the_state_of_a_kernel_is_that_of_the_interpreter(bed, begin):
     bed.run(lambda: bed.out.written[0] > 50)
+    begin(bed)
     tick = bed.control.answer(bed.backend.driver.measure())
     expected = robot_state_numbers(tick)
-    found, unused = np.full(len(expected), np.nan), slice(99 + len(LIMITS), ROBOT_STATE_FIXED)
-    found[unused] = 0.0
+    found = np.full(ROBOT_STATE_FIXED + 42, np.nan)
+    found[99 + len(LIMITS):ROBOT_STATE_FIXED] = 0.0
     controller = compiled_loop.controller_of(bed.control)
-    compiled_loop.write_state(controller.numbers, controller.target, found)
-    np.testing.assert_array_equal(found, expected)
+    of_joints = compiled_loop.write_state(controller.numbers, controller.target, found)
+    assert of_joints == (begin is follow_joints) == (len(expected) == len(found))
+    np.testing.assert_array_equal(found[:len(expected)], expected)
 
 
-def test_a_stream_is_followed_without_the_interpreter(bed, monkeypatch):
+@pytest.mark.parametrize('joints', [False, True], ids=['tool', 'joints'])
+def test_a_stream_is_followed_without_the_interpreter(bed, monkeypatch, joints):
     offered, offer = [], bed.commands.offer
     monkeypatch.setattr(bed.commands, 'offer', lambda *each: offered.append(0) or offer(*each))
-    bed.send()
+    bed.send(joints=joints)
     bed.run(lambda: bed.commands.sequence == 1)
     assert bed.control.states.state is State.FOLLOWING and len(offered) == 1
     for _ in range(30):
-        bed.send()
+        bed.send(joints=joints)
     monkeypatch.setattr(bed.commands, 'take_references', lambda _: None)
     bed.run(lambda: bed.commands.sequence == 31)
     assert bed.control.states.state is State.FOLLOWING and len(offered) == 1
+    # What is sent then says what is followed.
+    state = bed.received()[-1]
+    assert state.sequence == 31 and len(state.joint_reference) == joints
+    if joints:
+        np.testing.assert_allclose(state.joint_reference[0].position, state.position, atol=0.01)
+        # From 200 Nm/rad towards the 100 that are wanted.
+        assert 100.0 <= max(state.joint_reference[0].stiffness) < 200.0
+
+
+def test_joints_move_without_the_interpreter(bed, monkeypatch):
+    """A stream that rests goes on meanwhile, and asks for nothing."""
+    goal, advanced = bed.backend.model.measure().position + 0.05, []
+    bed.commands.ask(Request.MOVE, PostureMotion(bed.control.joints, goal[None], 1.0))
+    bed.run(lambda: bed.control.states.state is State.MOVING)
+    advance = bed.backend._advance
+    monkeypatch.setattr(bed.backend, '_advance',
+                        lambda *each: advanced.append(0) or advance(*each))
+    monkeypatch.setattr(bed.control.controller.guard, 'offer',
+                        lambda *_: pytest.fail('a reference was decided in Python'))
+    for _ in range(5):
+        bed.send(StreamMode.HOLDING)
+    bed.loop.numbers[ATTENTION] = 0
+    while bed.control.states.state is State.MOVING:
+        next(bed.cycles)  # until Python is needed
+    assert not advanced and bed.control.joint_motion.done
+    modes = [one.mode for one in bed.received()]
+    assert modes.count(RobotState.MOVE) > 300
+    assert np.abs(bed.backend.model.measure().position - goal).max() < 0.01
 
 
 @pytest.mark.parametrize(('sent', 'why'), [

@@ -83,10 +83,26 @@ def test_references_of_the_frame_and_of_others_are_read_alike(monkeypatch, rng, 
     assert len(slow) == (frame != 'base')
 
 
-def test_references_of_joints_and_what_is_no_reference(rng):
-    reader, joints = ReferenceReader('base'), resting_joints(rng.standard_normal(7), np.ones(7))
-    read = reader.read(serialize_message(reference('base', joints=joints)))
-    assert (read.target == joints).all() and read.sequence == 41
+@pytest.mark.parametrize('frame', ['base', 'ba', 'prüfstand', ''])
+@pytest.mark.parametrize('known', [7, 6, 1])
+def test_references_of_joints_and_what_is_no_reference(monkeypatch, rng, frame, known):
+    slow = []
+    monkeypatch.setattr(serialized, 'deserialized',
+                        lambda data, kind: slow.append(0) or deserialized(data, kind))
+    joints = resting_joints(rng.standard_normal(7), np.ones(7), 0.3)
+    reader = ReferenceReader(frame, known)
+    read = reader.read(serialize_message(reference(frame, joints=joints)))
+    assert (read.target == joints).all()
+    assert read[1:] == (frame, 12_000_000_345, 41, Reference.HOLDING)
+    assert len(slow) == (known != 7)
+    # As many numbers, otherwise divided.
+    message = reference(frame, joints=joints)
+    message.joints[0].position.append(0.0)
+    message.joints[0].stiffness.pop()
+    before = len(slow)
+    with pytest.raises(DataError, match='8 positions, 7 velocities and 6 stiffnesses'):
+        reader.read(serialize_message(message))
+    assert len(slow) == before + 1
     with pytest.raises(DataError, match='not a Reference'):
         reader.read(serialize_message(reference('base'))[:200])
 

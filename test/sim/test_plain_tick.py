@@ -5,6 +5,7 @@ import pytest
 from gdmp_ros.control.arm_states import Request, State
 from gdmp_ros.control.identification import FrictionIdentification
 from gdmp_ros.control.joint_motion import PostureMotion
+from gdmp_ros.control.joint_target import resting_joints
 from gdmp_ros.control.plain_tick import controller_of, MADE, OTHER
 from gdmp_ros.control.settings import ControllerSettings
 from gdmp_ros.control.target import resting_target, TWIST
@@ -143,6 +144,15 @@ def move_and_stop(loop):
     loop.do(Request.STOP)
 
 
+def follow_joints_and_lose(loop):
+    target = resting_joints(loop.arm.home, np.full(7, 200.0))
+    target[10] = 0.2
+    for k in range(300):
+        target[3] = loop.arm.home[3] + 0.2e-3 * k
+        loop.must_follow(target)
+        loop.tick()
+
+
 def follow_and_lose(loop):
     for reference in motion(loop, 300):
         loop.must_follow(reference)
@@ -151,10 +161,12 @@ def follow_and_lose(loop):
 
 @pytest.mark.parametrize('begin, state', [
     (move, State.MOVING), (identify, State.IDENTIFYING), (move_and_stop, State.STOPPING),
-    (follow_and_lose, State.FOLLOWING), (lambda loop: loop.do(Request.GUIDE), State.GUIDED),
+    (follow_and_lose, State.FOLLOWING), (follow_joints_and_lose, State.FOLLOWING),
+    (lambda loop: loop.do(Request.GUIDE), State.GUIDED),
     (lambda loop: loop.do(Request.COMPLY), State.COMPLIANT),
     (lambda loop: loop.fail('broken'), State.FAULT)],
-    ids=['posture', 'identification', 'braking', 'lost stream', 'guided', 'compliant', 'fault'])
+    ids=['posture', 'identification', 'braking', 'lost stream', 'lost joints', 'guided',
+         'compliant', 'fault'])
 def test_whatever_an_arm_does_is_the_same(loops, begin, state):
     """It goes on by kernels until its state changes; then Python makes one tick, or ends it."""
     one, other = loops

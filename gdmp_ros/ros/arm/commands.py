@@ -64,7 +64,8 @@ class ArmCommands:
         self.control = control
         self.sequence = 0
         self.asked: deque[_Asked] = deque()
-        self.references, self.reader = references, ReferenceReader(frame)
+        self.references, self.reader = references, ReferenceReader(
+            frame, len(control.joints.torque))
         #: Called after a request was added, to wake a compiled loop.
         self.called: Callable[[], None] = lambda: None
 

@@ -7,7 +7,7 @@ It runs until Python is needed: for requests, for the beginning and the end of a
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, ExitStack
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +15,6 @@ import numpy as np
 from gdmp_ros.control.arm_control import ArmControl
 from gdmp_ros.control.plain_tick import controller_of, MADE, write_state
 from gdmp_ros.control.stream import FOLLOWED, go_on, OTHER
-from gdmp_ros.control.target import TARGET_SIZE
 from gdmp_ros.kernels import bytes_at, kernel
 from gdmp_ros.realtime.native import (
     ATTENTION,
@@ -35,10 +34,12 @@ from gdmp_ros.ros.middleware import Subscription
 from gdmp_ros.ros.rcl import (
     bytes_of,
     check_handle,
+    is_alike,
     Outgoing,
     Outlet,
     rcl_functions,
     read_integer,
+    read_numbers,
     read_stamp,
     send_message,
     SerializedMemory,
@@ -47,7 +48,7 @@ from gdmp_ros.ros.rcl import (
     write_numbers,
     write_stamp,
 )
-from gdmp_ros.ros.serialized import ReferenceReader
+from gdmp_ros.ros.serialized import Layout, ReferenceReader
 from gdmp_ros.sim.closed_loop import SimulatedDriver
 from gdmp_ros.sim.plain_tick import plain_tick, robot_of
 
@@ -68,19 +69,19 @@ class Links(NamedTuple):
     :ivar functions: `gdmp_ros.ros.rcl.rcl_functions`
     :ivar references: address of the subscription
     :ivar taken: a message that has come (`gdmp_ros.ros.rcl.SerializedMemory.numbers`)
-    :ivar frame: bytes of a reference from which its size, encapsulation and frame are known
-    :ivar reference: position of each number of a reference among its bytes
-    :ivar reference_parts: positions of stamp, sequence and mode
+    :ivar tool: what references of the tool are like
+    :ivar joints: what references of the joints are like
     :ivar states: where they are sent
+    :ivar joint_states: the same, with a reference of the joints
     """
 
     functions: np.ndarray
     references: np.ndarray
     taken: np.ndarray
-    frame: np.ndarray
-    reference: np.ndarray
-    reference_parts: np.ndarray
+    tool: Layout
+    joints: Layout
     states: Outlet
+    joint_states: Outlet
 
 
 class Scratch(NamedTuple):
@@ -94,25 +95,28 @@ class Scratch(NamedTuple):
     time: np.ndarray
     target: np.ndarray
     target_bytes: np.ndarray
+    joints: np.ndarray
+    joints_bytes: np.ndarray
     state: np.ndarray
     state_bytes: np.ndarray
     written: np.ndarray
 
 
 @kernel
-def _read(data, links, scratch):
-    """Read the target of a reference of the tool in the frame of the arm; False for others."""
-    if data.size != links.frame.size:
-        return False
-    # Behind encapsulation and stamp the string of the frame.
-    ends = 12 + 4 + read_integer(links.frame, 12, 4)
-    for k in range(ends):
-        if (k < 4 or k >= 12) and data[k] != links.frame[k]:
-            return False
-    for k in range(TARGET_SIZE):
-        for byte in range(8):
-            scratch.target_bytes[8 * k + byte] = data[links.reference[k] + byte]
-    return True
+def _follow(loop, data, layout, target, target_bytes, controller, last, now):
+    """
+    Follow a reference that has come; False if it is to be decided in Python.
+
+    :param last: target of the guard
+    """
+    read_numbers(data, layout.places, target_bytes)
+    stamp = read_stamp(data, layout.parts[0])
+    sequence = read_integer(data, layout.parts[1], 8)
+    done = go_on(controller.stream, last, controller.held, target, 1e-9 * (now - stamp),
+                 1e-9 * stamp, float(sequence), float(data[layout.parts[2]]))
+    if done == FOLLOWED:
+        loop[SEQUENCE] = sequence
+    return done != OTHER
 
 
 @kernel
@@ -127,18 +131,15 @@ def take_references(loop, links, scratch, controller, now):
         size = take_message(links.functions, links.references[0], links.taken)
         if size == 0:
             return True
-        data = bytes_at(links.taken[0], size)
-        if not _read(data, links, scratch):
+        data, done = bytes_at(links.taken[0], size), False
+        if is_alike(data, links.tool):
+            done = _follow(loop, data, links.tool, scratch.target, scratch.target_bytes,
+                           controller, controller.target, now)
+        elif is_alike(data, links.joints):
+            done = _follow(loop, data, links.joints, scratch.joints, scratch.joints_bytes,
+                           controller, controller.joints, now)
+        if not done:
             return False
-        stamp = read_stamp(data, links.reference_parts[0])
-        sequence = read_integer(data, links.reference_parts[1], 8)
-        done = go_on(controller.stream, controller.target, controller.held, scratch.target,
-                     1e-9 * (now - stamp), 1e-9 * stamp, float(sequence),
-                     float(data[links.reference_parts[2]]))
-        if done == OTHER:
-            return False
-        if done == FOLLOWED:
-            loop[SEQUENCE] = sequence
     return True
 
 
@@ -147,19 +148,27 @@ def note_state(scratch, controller, stamp):
     """Write down the state of the tick that was made; whether somebody wants it."""
     written = scratch.written
     written[0] += 1
-    write_state(controller.numbers, controller.target, scratch.state)
+    written[4] = write_state(controller.numbers, controller.target, scratch.state)
     written[1], written[2] = written[0], stamp
     return written[3] != 0
 
 
 @kernel
-def send_state(functions, states, numbers, stamp, sequence, mode, tick):
+def send_state(links, numbers, stamp, sequence, mode, tick, of_joints):
     """
     Send a state.
 
-    :param states: see `Links`
     :param numbers: of the state, as bytes
+    :param of_joints: whether it has a reference of the joints
     """
+    if of_joints:
+        _send(links.functions, links.joint_states, numbers, stamp, sequence, mode, tick)
+    else:
+        _send(links.functions, links.states, numbers, stamp, sequence, mode, tick)
+
+
+@kernel
+def _send(functions, states, numbers, stamp, sequence, mode, tick):
     write_numbers(states, numbers)
     data, parts = bytes_of(states), states.parts
     write_stamp(data, parts[0], stamp)
@@ -191,8 +200,8 @@ def run(loop, clocks, lateness, links, scratch, robot, controller, dt):
             return result
         stamp = loop[STAMP] - (loop[LEFT] - 1) * loop[PERIOD]
         if note_state(scratch, controller, stamp):
-            send_state(links.functions, links.states, scratch.state_bytes, stamp, loop[SEQUENCE],
-                       loop[MODE], scratch.written[0])
+            send_state(links, scratch.state_bytes, stamp, loop[SEQUENCE], loop[MODE],
+                       scratch.written[0], scratch.written[4] != 0)
         loop[LEFT] -= 1
 
 
@@ -205,10 +214,10 @@ def idle(size: int) -> tuple[np.ndarray, Links, Scratch]:
     numbers, integers = np.zeros(size, dtype=np.int64), np.zeros(2, dtype=np.int64)
     numbers[ATTENTION] = numbers[LEFT] = 1
     doubles, data = np.zeros(1), np.zeros(8, dtype=np.uint8)
-    return (numbers,
-            Links(integers, integers, integers, data, integers, integers,
-                  Outlet(integers, integers, integers, integers)),
-            Scratch(integers, doubles, data, doubles, data, integers))
+    layout = Layout(data, np.zeros((0, 2), dtype=np.int64), integers, integers)
+    outlet = Outlet(integers, integers, integers, integers)
+    return (numbers, Links(integers, integers, integers, layout, layout, outlet, outlet),
+            Scratch(integers, doubles, data, doubles, data, doubles, data, integers))
 
 
 def warm_up(control: ArmControl, driver: SimulatedDriver) -> None:
@@ -232,14 +241,14 @@ class ArmLoop(CompiledLoop):
         with references.in_use() as address:
             check_handle(address)
         super().__init__(self.size)
-        self._references, self._states = references, Outgoing(out.states, out.template)
-        self._taken = SerializedMemory()
-        frame, reference, reference_parts = reader.layout()
+        self._references, self._taken = references, SerializedMemory()
+        self._states = [Outgoing(out.states, one) for one in out.templates]
         self._links = Links(rcl_functions(), np.zeros(1, dtype=np.int64), self._taken.numbers,
-                            frame, reference, reference_parts, self._states.outlet)
-        target = np.zeros(len(reference))
-        self._scratch = Scratch(np.zeros(2, dtype=np.int64), target, target.view(np.uint8),
-                                out.numbers, out.numbers.view(np.uint8), out.written)
+                            *reader.layouts, *(one.outlet for one in self._states))
+        tool, joints = (np.zeros(len(layout.places)) for layout in reader.layouts)
+        self._scratch = Scratch(np.zeros(2, dtype=np.int64), tool, tool.view(np.uint8), joints,
+                                joints.view(np.uint8), out.numbers, out.numbers.view(np.uint8),
+                                out.written)
 
     @property
     def message(self) -> bytes:
@@ -252,13 +261,21 @@ class ArmLoop(CompiledLoop):
         with self._references.in_use() as self._links.references[0]:
             yield
 
+    @contextmanager
+    def states_in_use(self) -> Iterator[None]:
+        """Keep the publisher, and let the kernel know its address."""
+        with ExitStack() as stack:
+            for one in self._states:
+                stack.enter_context(one.in_use())
+            yield
+
 
 class SimulatedLoop(ArmLoop):
     """The loop of one simulated arm."""
 
     def run(self, control: ArmControl, driver: SimulatedDriver, lateness: LatenessRecorder) -> int:
         """Make ticks until Python is needed; see `run`."""
-        with self.references_in_use(), self._states.in_use():
+        with self.references_in_use(), self.states_in_use():
             return int(run(self.numbers, clock_functions(),
                            np.frombuffer(lateness.numbers, dtype=np.int64), self._links,
                            self._scratch, robot_of(driver.arm), controller_of(control),

@@ -95,7 +95,8 @@ class Outbox(NamedTuple):
     :ivar posted: semaphore
     :ivar counts: `PUT`, `TAKEN`
     :ivar states: numbers of states as bytes, shape ``(WAITING, 8 n)``
-    :ivar parts: of each: stamp [ns], sequence, mode, tick; shape ``(WAITING, 4)``
+    :ivar parts: of each: stamp [ns], sequence, mode, tick, whether it has a reference of the
+        joints; shape ``(WAITING, 5)``
     """
 
     calls: np.ndarray
@@ -113,8 +114,8 @@ def put(outbox, loop, scratch, stamp):
         return
     state, parts = outbox.states[count % WAITING], outbox.parts[count % WAITING]
     copy_into(scratch.state_bytes, state)
-    parts[0], parts[1], parts[2], parts[3] = (
-        stamp, loop[SEQUENCE], loop[MODE], scratch.written[0])
+    parts[0], parts[1], parts[2], parts[3], parts[4] = (
+        stamp, loop[SEQUENCE], loop[MODE], scratch.written[0], scratch.written[4])
     outbox.counts[PUT] = count + 1
     post(outbox.calls, outbox.posted)
 
@@ -131,7 +132,7 @@ def send_waiting(outbox, links, clock, clocked, clocks, spec, patience_ns):
     while wait_for_post(outbox.calls, outbox.posted, spec, deadline):
         count = outbox.counts[TAKEN]
         state, parts = outbox.states[count % WAITING], outbox.parts[count % WAITING]
-        send_state(links.functions, links.states, state, parts[0], parts[1], parts[2], parts[3])
+        send_state(links, state, parts[0], parts[1], parts[2], parts[3], parts[4] != 0)
         if clocked:
             write_stamp(bytes_of(clock), clock.parts[0], parts[0])
             send_message(links.functions, clock)
@@ -196,7 +197,7 @@ def warm_up(control: ArmControl, link: Link) -> None:
     clocks, integers = clock_functions(), scratch.time
     outbox = Outbox(semaphore_functions(), semaphore(), integers,
                     np.zeros((WAITING, 8), dtype=np.uint8),
-                    np.zeros((WAITING, 4), dtype=np.int64))
+                    np.zeros((WAITING, 5), dtype=np.int64))
     run(numbers, Times(clocks, integers, integers), links, scratch, outbox, link,
         controller_of(control), False)
     send_waiting(outbox, links, links.states, False, clocks, integers, 0)
@@ -227,7 +228,7 @@ class FrankaLoop(ArmLoop):
         super().__init__(references, reader, out)
         states = np.zeros((WAITING, 8 * len(out.numbers)), dtype=np.uint8)
         self._outbox = Outbox(semaphore_functions(), semaphore(), np.zeros(2, dtype=np.int64),
-                              states, np.zeros((WAITING, 4), dtype=np.int64))
+                              states, np.zeros((WAITING, 5), dtype=np.int64))
         self._clock = None if clock is None else Outgoing(clock, _clock_template())
         nothing = np.zeros(1, dtype=np.int64)
         self._clock_outlet = (Outlet(nothing, nothing, nothing, nothing) if self._clock is None
@@ -245,7 +246,7 @@ class FrankaLoop(ArmLoop):
     def sending(self, clock: Clock) -> Loop:
         """Send the states of cycles that compiled code has made."""
         spec = np.zeros(2, dtype=np.int64)
-        outgoing = [self._states] if self._clock is None else [self._states, self._clock]
+        outgoing = self._states if self._clock is None else [*self._states, self._clock]
         while True:
             with ExitStack() as stack:
                 for one in outgoing:

@@ -152,11 +152,11 @@ def run(loop, clocks, lateness, links, topics, heard, scratch, view, controller)
         send_message(links.functions, topics.commands)
         written = scratch.written
         written[0] += 1
-        write_arm(view, controller, scratch.state)
+        written[4] = write_arm(view, controller, scratch.state)
         written[1], written[2] = written[0], now
         if written[3] != 0:
-            send_state(links.functions, links.states, scratch.state_bytes, now, loop[SEQUENCE],
-                       loop[MODE], written[0])
+            send_state(links, scratch.state_bytes, now, loop[SEQUENCE], loop[MODE], written[0],
+                       written[4] != 0)
         loop[LEFT] = 0
 
 
@@ -201,7 +201,7 @@ class PositionArmLoop(ArmLoop):
         joints, wrench, running = (NO_INLET if one is None else one.inlet for one in incoming)
         topics = Topics(joints, wrench, running, self._commands.outlet, *self._sent)
         with ExitStack() as stack:
-            for one in (*incoming, self._commands, self._states):
+            for one in (*incoming, self._commands, *self._states):
                 if one is not None:
                     stack.enter_context(one.in_use())
             stack.enter_context(self.references_in_use())

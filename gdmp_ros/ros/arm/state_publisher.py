@@ -35,12 +35,12 @@ class StatePublisher:
 
     :ivar tf: publisher of the links
     :ivar states: publisher of ``~/state``
-    :ivar template: of its messages, without a reference of the joints
-    :ivar numbers: of the last tick (`gdmp_ros.ros.messages.robot_state_numbers`), without a
+    :ivar templates: of its messages, without and with a reference of the joints
+    :ivar numbers: of the last tick (`gdmp_ros.ros.messages.robot_state_numbers`), with room for a
         reference of the joints
     :ivar written: number of the tick that was begun to be written, of the one that is whole, and
-        its stamp [ns], and whether states have subscribers: a loop without the interpreter
-        writes and reads them too
+        its stamp [ns], whether states have subscribers, and whether the joints follow a
+        reference: a loop without the interpreter writes and reads them too
     :ivar others: gives positions of a gripper and of objects
     """
 
@@ -61,17 +61,16 @@ class StatePublisher:
             state.header.frame_id = frame
             return SerializedTemplate(state, ROBOT_STATE_FIXED + rows * len(joints),
                                       partial(fill_robot_state, rows=rows))
-        # Without and with a reference of the joints: the messages have different sizes.
-        self.template = template(3)
-        self._state = Stream(self.states, self.template)
-        self._joint_state = Stream(self.states, template(6))
+        # The messages have different sizes.
+        self.templates = template(3), template(6)
+        self._state, self._joint_state = (Stream(self.states, one) for one in self.templates)
         self._pose = pose_stream(node, '~/measured_pose', frame)
         self._applied = stiffness_stream(node, '~/applied_stiffness')
         self._requested = stiffness_stream(node, '~/requested_stiffness')
         self._joints = joints_stream(node, f'{prefix}joint_states', joints)
         self.tf = TfPublisher(node)
-        self.numbers = np.zeros(ROBOT_STATE_FIXED + 3 * len(joints))
-        self.written = np.zeros(4, dtype=np.int64)
+        self.numbers = np.zeros(ROBOT_STATE_FIXED + 6 * len(joints))
+        self.written = np.zeros(5, dtype=np.int64)
         self.others: Callable[[], np.ndarray] = lambda: _NOTHING
         self._rate_hz, self._count = rate_hz, len(joints)
 
@@ -83,7 +82,7 @@ class StatePublisher:
         """
         number, numbers = int(self.written[0]) + 1, robot_state_numbers(tick)
         self.written[0] = number
-        self.numbers[:] = numbers[:len(self.numbers)]
+        self.numbers[:len(numbers)] = numbers
         self.written[1:3] = number, stamp_ns
         if self._state.has_subscribers:
             state = self._state if tick.joints is None else self._joint_state
