@@ -300,18 +300,13 @@ class Adapter(ManagedNode):
 
     def _convert_joints(self, message: Reference) -> None:
         guard = self.guard
-        try:
-            target = joint_target(message)
-        except DataError as error:
-            guard.refuse(str(error))
-            return
         if not self._names:
             guard.refuse('references of the joints: see the parameter joint_names')
         elif not (self._knows(self._joints_seen) or guard.armed):
             guard.refuse('no positions of the joints on '
                          f'{self.parameters.measured_joints_topic}: see the parameter '
                          'measured_joints_topic, or call ~/arm')
-        elif (guard.offer(target, messages.origin_of(message, self._age(message)))
+        elif (guard.offer(joint_target(message), messages.origin_of(message, self._age(message)))
               and self._joint_output.due(self.clock.now() / NS)):
             self._joint_output.send(message.joints[0])
 
