@@ -7,15 +7,20 @@ import time
 
 from gdmp_ros.ros.arm.franka_arm import main
 
-#: Objects in a cycle that a collection visits: about 50 ms.
-GARBAGE = 550_000
-#: Time between two collections [s].
-EVERY_S = 1.0
+#: CPU time of a collection [s], and time between two [s].
+COLLECTION_S, EVERY_S = 0.05, 1.0
+#: Objects whose collection is timed first.
+FIRST = 100_000
 
 
 def burn() -> None:
     """Compute in Python for ever, and collect garbage by the way."""
-    kept: list[object] = [[index] for index in range(GARBAGE)]
+    kept: list[object] = [[index] for index in range(FIRST)]
+    gc.collect()
+    begun = time.thread_time()
+    gc.collect()
+    count = round(FIRST * COLLECTION_S / (time.thread_time() - begun))
+    kept = [[index] for index in range(count)]
     due = time.monotonic()
     while True:
         sum(range(1000))

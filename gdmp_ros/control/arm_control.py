@@ -261,13 +261,14 @@ class ArmControl:
         self._look_at(motion)
         return result
 
-    def end_tick(self, event: int) -> Tick:
-        """End a tick of a kernel after which the arm does something else, or has no torque."""
+    def catch_up(self) -> None:
+        """Know what the arm does, and where it is, after ticks that a kernel has made."""
+        self.controller.catch_up()
         motion = self._present_motion
-        result = self.controller.end_tick(event)
-        if motion is not None:
+        if motion is None:
+            self.controller.guard.settle()
+        else:
             self._look_at(motion)
-        return result
 
     @property
     def only_goes_on(self) -> bool:

@@ -10,7 +10,7 @@ from gdmp_ros.control.arm_states import ArmStates, Request
 from gdmp_ros.control.friction import friction_of
 from gdmp_ros.control.guard import ReferenceGuard
 from gdmp_ros.control.impedance import external_wrench
-from gdmp_ros.control.joint_path import ENDS, JointPath, make_way, WAITS
+from gdmp_ros.control.joint_path import CALLED, JointPath, make_way, WAITS
 from gdmp_ros.control.joint_spring import joint_springs
 from gdmp_ros.control.kinematics import Chain
 from gdmp_ros.control.law import compute, finish, hold_tool, let_move, NOT_FINITE
@@ -286,7 +286,7 @@ class ImpedanceController:
         if event == NOT_FINITE:
             self._recover(measured)
             finish(self.numbers, True)
-        elif event and event != ENDS:
+        elif event and event != CALLED:
             self._react(event)
 
     def move_joints(self, measured: Measurement, path: JointPath, dt: float) -> Tick:

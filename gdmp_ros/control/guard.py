@@ -60,7 +60,7 @@ class ReferenceGuard:
         self._use(settings, limits)
         self.states = states or ArmStates()
         self.states.watchers.append(self._entered)
-        self._stream.state = stream.number_of(self.states.state)
+        self._stream.state, self._stream.known = stream.number_of(self.states.state), 1.0
         self._tool = PoseReferences(pose, damping_ratio, stopped.stopped[:6])
         self._joints = JointReferences(joints, damping_ratio, stopped.stopped_joints)
         self.forget_stream()
@@ -237,13 +237,15 @@ class ReferenceGuard:
     def _entered(self, before: State) -> None:
         """The state of the arm has changed, or not."""
         state, known = self.states.state, self._stream
-        known.state = stream.number_of(state)
+        stops = known.known and before.follows and state is State.STOPPING
+        known.state, known.known = stream.number_of(state), 1.0
         if state is before:
             return
         if state is State.FAULT:
             self.hold(self._robot.pose)
         elif before.follows and state is State.STOPPING:
-            stream.begin_stop(self.numbers, self._tool.target, self._joints.target)
+            if stops:
+                stream.begin_stop(self.numbers, self._tool.target, self._joints.target)
             if self.states.then is not State.HOLDING:
                 known.armed = 0.0
         elif not (state.follows or before is State.STOPPING and state is State.HOLDING):
@@ -263,14 +265,18 @@ class ReferenceGuard:
             every time
         """
         self.measure(dt, robot)
+        stream.advance(self.numbers, self._tool.target, self._joints.target, dt)
+        self.settle()
+        return self._kind.target
+
+    def settle(self) -> None:
+        """Know that what was followed is lost, or rests after a stop."""
         known = self._stream
-        if self.following and stream.is_lost(self.numbers):
+        if not known.known:
             self.states.take(Request.LOST, f'{NO_REFERENCE} {self.settings.timeout:g} s')
             known.resumable = 1.0
-        stream.advance(self.numbers, self._tool.target, self._joints.target, dt)
         if self.states.state is State.STOPPING and known.stop_progress >= 1.0:
             self.states.take(Request.ARRIVED)
-        return self._kind.target
 
     def measure(self, dt: float, robot: MeasuredMotion | None) -> None:
         """Let ``dt`` pass, and remember where the robot is."""

@@ -25,8 +25,9 @@ LARGEST_ERROR = 0.2
 WAITS, LONGEST_WAIT_S = 0.02, 10.0
 #: Time between two samples of a torque [s].
 SAMPLE_S = 0.02
-#: `make_way` has made the last tick of a motion: it has arrived, or has a problem.
-ENDS = 11
+#: A tick was made, and Python is to find out what comes next (`ArmControl.catch_up`): what is done
+#: goes on until then.
+CALLED = 22
 #: Problems: a joint does not follow; the motion waited for too long; it was slowed down.
 FINE, HELD, WAITED, SLOWED = range(4)
 
@@ -171,7 +172,8 @@ def make_way(numbers, path, dt):
     :param numbers: memory of the controller, with what was measured
     :param path: a `JointPath`
     :param dt: time for which the torque acts [s]
-    :returns: 0, an event of `compute`, or `ENDS`; the torque is to be sent in any case
+    :returns: 0, an event of `compute`, or `CALLED`: it has arrived, where it stays, or has a
+        problem
     """
     arm, p = arm_view(numbers), records_at(path.progress, 0, 1, PROGRESS)[0]
     piece = place_at(path, p.time, arm.wanted, arm.wanted_rate)
@@ -186,7 +188,8 @@ def make_way(numbers, path, dt):
         _sample(path, piece, arm.position, arm.torque[joint] - known)
     if p.brakes == 0.0:
         _look(arm, p, dt)
-    p.time += p.tempo * dt
+    if p.problem == FINE:
+        p.time += p.tempo * dt
     if event != 0:
         return event
-    return ENDS if p.problem != FINE or p.time >= p.seconds else 0
+    return CALLED if p.problem != FINE or p.time >= p.seconds else 0

@@ -12,14 +12,14 @@ from typing import NamedTuple
 import numpy as np
 
 from gdmp_ros.control.arm_control import ArmControl
-from gdmp_ros.control.joint_path import JointPath, make_way
+from gdmp_ros.control.joint_path import CALLED, JointPath, make_way
 from gdmp_ros.control.law import compute, let_move
 from gdmp_ros.control.memory import arm_view, JOINT_SPRINGS, TOOL_SPRING
 from gdmp_ros.control.stream import (
     advance,
-    changes_nothing,
     elapse,
     free_damping,
+    has_changed,
     rest_at,
     STREAM,
 )
@@ -27,8 +27,8 @@ from gdmp_ros.control.target import STIFFNESS
 from gdmp_ros.kernels import kernel, records_at
 from gdmp_ros.manifolds.linalg import copy_into, is_finite
 
-#: What a tick returns beside the events of `compute`: it was made; nothing was done, so it is to
-#: be made.
+#: What a tick returns beside `CALLED` and the events of `compute`: it was made; nothing was done,
+#: so it is to be made.
 MADE, OTHER = 0, 20
 
 
@@ -64,11 +64,10 @@ def decide(controller, dt):
     """
     Compute the torque for what was measured.
 
-    :returns: 0, `OTHER`, or an event: then Python ends the tick, and sends the torque
+    :returns: `MADE` or `CALLED`: the torque is to be sent; `OTHER`; or an event: then Python ends
+        the tick
     """
     moves = controller.path.begins.size > 0
-    if not moves and not changes_nothing(controller.stream, dt):
-        return OTHER
     arm = arm_view(controller.numbers)
     for i in range(6):
         arm.twist[i] = 0.0
@@ -92,7 +91,8 @@ def decide(controller, dt):
     else:
         copy_into(controller.target, arm.target)
         arm.scalars.does = TOOL_SPRING
-    return compute(controller.numbers)
+    event = compute(controller.numbers)
+    return CALLED if event == 0 and has_changed(controller.stream) else event
 
 
 @kernel

@@ -49,6 +49,7 @@ _SPARE_S = 0.01
 #: What a guard knows of its streams; flags are 0 or 1.
 STREAM = np.dtype([(name, np.float64) for name in (
     'state',            # of the arm: its number in `State`
+    'known',            # flag: the guard knows it
     'of_joints',        # flag: the target is one of the joints
     # The newest reference that is followed.
     'fresh',            # flag: it has come in this tick
@@ -321,16 +322,10 @@ def is_lost(numbers):
 
 
 @kernel
-def changes_nothing(numbers, dt):
-    """
-    Whether a tick leaves the arm in its state.
-
-    :param dt: its duration [s]
-    """
+def has_changed(numbers):
+    """Whether a motion that was followed is lost, or has come to rest after a stop."""
     stream = records_at(numbers, 0, 1, STREAM)[0]
-    if stream.state == _STOPPING:
-        return stream.stop_progress + dt / stream.stop_time < 1.0
-    return not (is_followed(numbers) and is_lost(numbers))
+    return stream.state == _STOPPING and (stream.known == 0.0 or stream.stop_progress >= 1.0)
 
 
 @kernel
@@ -355,10 +350,15 @@ def advance(numbers, tool, joints, dt):
     """
     Move the target on, if no reference came for this tick, or let it come to rest.
 
+    What is lost begins to stop; the guard finds that out (`ReferenceGuard.settle`).
+
     :param tool: target of the tool
     :param joints: target of the joints
     """
     stream = records_at(numbers, 0, 1, STREAM)[0]
+    if is_followed(numbers) and is_lost(numbers):
+        stream.state, stream.known = _STOPPING, 0.0
+        begin_stop(numbers, tool, joints)
     if not is_followed(numbers):
         _slow_down(numbers, tool, joints, dt)
     elif stream.fresh == 0.0:

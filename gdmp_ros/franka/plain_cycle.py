@@ -3,9 +3,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from gdmp_ros.control.joint_path import CALLED
 from gdmp_ros.control.law import compare_with
 from gdmp_ros.control.memory import arm_view
-from gdmp_ros.control.plain_tick import decide
+from gdmp_ros.control.plain_tick import decide, MADE
 from gdmp_ros.franka.channel import read_joints, read_taken, send, Wire
 from gdmp_ros.franka.driver import FrankaDriver
 from gdmp_ros.kernels import kernel, local_matrix
@@ -55,6 +56,6 @@ def plain_cycle(link, controller, dt, cycle):
     read_taken(link.wire, taken)
     compare_with(controller.numbers, taken, cycle)
     event = decide(controller, dt)
-    if event == 0:
+    if event in (MADE, CALLED):
         send(link.wire, arm.torque)
     return event

@@ -143,7 +143,7 @@ class ClosedLoop(ArmControl):
                 made, why = follow_plainly(robot_of(self.arm), controller_of(self), self.driver.dt,
                                            references[done:], poses[done:])
                 if made:
-                    self.controller.catch_up()
+                    self.catch_up()
                 done += made
             if done < len(references) and why == OTHER:
                 self.must_follow(references[done])

@@ -10,6 +10,7 @@ from typing import NamedTuple, TYPE_CHECKING
 import numpy as np
 
 from gdmp_ros.control.arm_control import ArmControl
+from gdmp_ros.control.joint_path import CALLED
 from gdmp_ros.control.measurement import Tick
 from gdmp_ros.control.memory import arm_view
 from gdmp_ros.control.modes import StreamMode
@@ -67,19 +68,19 @@ def plain_tick(robot, controller, dt):
     """
     Make a tick, if the arm only goes on.
 
-    :returns: `MADE`, `OTHER`, `BROKEN`, or an event: then the torque has not been sent
+    :returns: `MADE`, `CALLED`, `OTHER`, `BROKEN`, or an event: then the torque has not been sent
     """
     arm = arm_view(controller.numbers)
     measure(robot, arm)
     event = decide(controller, dt)
-    if event != 0:
+    if event not in (MADE, CALLED):
         return event
     copy_into(arm.torque, robot.control)
     step(robot.known.functions, robot.known.places[0], robot.known.places[1])
     for kind in robot.fatal:
         if robot.warnings[kind] != 0:
             return BROKEN
-    return MADE
+    return event
 
 
 @kernel
@@ -90,7 +91,7 @@ def follow_plainly(robot, controller, dt, references, poses):
     :param references: shape (n, `gdmp_ros.control.target.TARGET_SIZE`); their quaternions are
         normalised here
     :param poses: written: of the tool, measured at the beginning of each tick, shape (n, 7)
-    :returns: how many ticks were made, and what the last one returned
+    :returns: how many ticks were made in full, and what the last one returned
     """
     arm = arm_view(controller.numbers)
     for k in range(len(references)):
@@ -99,7 +100,7 @@ def follow_plainly(robot, controller, dt, references, poses):
             return k, OTHER
         result = plain_tick(robot, controller, dt)
         copy_into(arm.pose, poses[k])
-        if result != MADE:
+        if result not in (MADE, CALLED):
             return k, result
     return len(references), MADE
 
@@ -112,13 +113,13 @@ def only_goes_on(control: ArmControl, driver: SimulatedDriver) -> bool:
 
 def end_tick(control: ArmControl, driver: SimulatedDriver, event: int) -> Tick:
     """
-    End a tick of a kernel after which the arm does something else, or has no torque.
+    End a tick in which a kernel felt something, or could compute no torque.
 
     :raises DataError: if the simulation is unstable
     """
     if event == BROKEN:
         driver.arm.check()
-    tick = control.end_tick(event)
+    tick = control.controller.end_tick(event)
     driver.command(tick.torque)
     driver.arm.advance()
     return tick

@@ -3,6 +3,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from gdmp_ros.control.joint_path import CALLED
 from gdmp_ros.control.memory import arm_view
 from gdmp_ros.control.plain_tick import decide, MADE, write_state
 from gdmp_ros.control.servo import answer, FINE, pay, SCALARS, Servo, take_state
@@ -51,7 +52,8 @@ def plain_tick(view, controller):
     """
     Make a tick, if the arm only goes on; the command is then known.
 
-    :returns: `MADE`, `OTHER`, an event: then there is no command yet, or `UNUSABLE` and more
+    :returns: `MADE`, `CALLED`, `OTHER`, an event: then there is no command yet, or `UNUSABLE` and
+        more
     """
     servo, numbers = view.servo, controller.numbers
     problem = take_state(servo)
@@ -61,10 +63,9 @@ def plain_tick(view, controller):
     arm = arm_view(numbers)
     measure_virtual(view, arm)
     event = decide(controller, records_at(servo.numbers, 0, 1, SCALARS)[0].dt)
-    if event != 0:
-        return event
-    answer(servo, numbers, arm.torque)
-    return MADE
+    if event in (MADE, CALLED):
+        answer(servo, numbers, arm.torque)
+    return event
 
 
 @kernel

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gdmp_ros.control.arm_control import ArmControl
+from gdmp_ros.control.joint_path import CALLED
 from gdmp_ros.control.plain_tick import controller_of, MADE, write_state
 from gdmp_ros.control.stream import FOLLOWED, go_on, OTHER
 from gdmp_ros.kernels import bytes_at, kernel
@@ -183,8 +184,8 @@ def run(loop, clocks, lateness, links, scratch, robot, controller, dt):
     """
     Make ticks until Python is needed for one.
 
-    :returns: `ASKED`, `MESSAGE`, or what `plain_tick` returns: the tick of the stamp
-        ``STAMP - (LEFT - 1) PERIOD`` is to be made
+    :returns: `CALLED`; or `ASKED`, `MESSAGE`, or what `plain_tick` returns: then the tick of the
+        stamp ``STAMP - (LEFT - 1) PERIOD`` is to be made
     """
     while True:
         if loop[LEFT] == 0:
@@ -196,13 +197,15 @@ def run(loop, clocks, lateness, links, scratch, robot, controller, dt):
         if not take_references(loop, links, scratch, controller, wall_ns(clocks, scratch.time)):
             return MESSAGE
         result = plain_tick(robot, controller, dt)
-        if result != MADE:
+        if result not in (MADE, CALLED):
             return result
         stamp = loop[STAMP] - (loop[LEFT] - 1) * loop[PERIOD]
         if note_state(scratch, controller, stamp):
             send_state(links, scratch.state_bytes, stamp, loop[SEQUENCE], loop[MODE],
                        scratch.written[0], scratch.written[4] != 0)
         loop[LEFT] -= 1
+        if result == CALLED:
+            return CALLED
 
 
 def idle(size: int) -> tuple[np.ndarray, Links, Scratch]:

@@ -18,7 +18,7 @@ from gdmp_ros.realtime.loop import Loop, NS, thread_cpu_ns
 from gdmp_ros.realtime.native import prepared
 from gdmp_ros.realtime.statistics import LatenessRecorder
 from gdmp_ros.ros.arm.backend import ArmBackend
-from gdmp_ros.ros.arm.compiled_loop import ASKED, MESSAGE, MODE, SEQUENCE
+from gdmp_ros.ros.arm.compiled_loop import ASKED, MODE, SEQUENCE
 from gdmp_ros.ros.arm.franka_loop import (
     ANSWERED,
     FrankaLoop,
@@ -90,7 +90,8 @@ class FrankaArm(ArmBackend):
         self._stamp_ns = self._answered = 0
 
     def beside(self) -> list[Loop]:
-        return [] if self._compiled is None else [self._compiled.sending(self.node.clock)]
+        loop, clock = self._compiled, self.node.clock
+        return [] if loop is None else [loop.sending(clock), loop.heralding(clock)]
 
     def close(self) -> None:
         if self._driver is not None:
@@ -106,9 +107,12 @@ class FrankaArm(ArmBackend):
         if loop is not None:
             loop.begin(round(CYCLE_S * NS))
         while True:
-            if loop is not None and loop.may_go_on(self._only_goes_on):
-                worked = self._without_interpreter(loop, driver, worked)
             commands.carry_out()
+            if loop is not None and loop.may_go_on(self._only_goes_on):
+                worked, goes_on = self._without_interpreter(loop, driver, worked)
+                if goes_on:
+                    yield clock.now()
+                    continue
             measured = control.wait()
             if measured is None:
                 yield clock.now() + SILENT_NS
@@ -137,12 +141,13 @@ class FrankaArm(ArmBackend):
         return (node.active and not node.commands.asked and driver is not None
                 and driver.controlled and node.control.only_goes_on)
 
-    def _without_interpreter(self, loop: FrankaLoop, driver: FrankaDriver, worked: int) -> int:
+    def _without_interpreter(self, loop: FrankaLoop, driver: FrankaDriver, worked: int
+                             ) -> tuple[int, bool]:
         """
         Let compiled code answer the robot until Python is needed.
 
         :param worked: CPU time of this thread at the last answer [ns]
-        :returns: the same, now
+        :returns: the same, now; and whether compiled code may answer the next state, too
         """
         node, numbers = self.node, loop.numbers
         commands, control = node.commands, node.control
@@ -155,18 +160,19 @@ class FrankaArm(ArmBackend):
             self._stamp_ns, self._answered = int(numbers[STAMPED]), int(numbers[ANSWERED])
             commands.sequence = int(numbers[SEQUENCE])
             driver.lost += int(numbers[MISSED])
-            control.controller.catch_up()
+            control.catch_up()
             driver.catch_up(control.controller.memory.torque)
-        if why == MESSAGE:
-            commands.offer(loop.message, self._next_stamp(driver))
-        elif made and why not in (ASKED, OTHER):
-            tick = control.end_tick(why)
+        if why not in (ASKED, OTHER):
+            tick = control.controller.end_tick(why)
             try:
                 driver.command(tick.torque)
             except ArmStopped as error:
                 control.fail(str(error))
             self._publish(tick, self._stamp_ns)
-        return int(numbers[WORKED])
+        message = loop.undecided
+        if message is not None:
+            commands.offer(message, self._next_stamp(driver))
+        return int(numbers[WORKED]), why != OTHER
 
     def _stamp(self, driver: FrankaDriver) -> int:
         """Take the time of the present state: of the robot if it makes the clock, else of day."""

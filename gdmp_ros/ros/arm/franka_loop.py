@@ -1,8 +1,9 @@
 """
 The loop of a Franka without the interpreter: wait for a state, take references, answer.
 
-It runs until Python is needed, which then makes that cycle. Its states are sent by a thread of its
-own: to send takes several times as long as to answer.
+Where Python is to decide something, a thread of its own says so when it has got the interpreter,
+which another thread may keep for long; the robot is answered until then. States are sent by a
+thread of their own, too: to send takes several times as long as to answer.
 """
 from __future__ import annotations
 
@@ -14,6 +15,7 @@ import numpy as np
 from rosgraph_msgs.msg import Clock as ClockMessage
 
 from gdmp_ros.control.arm_control import ArmControl
+from gdmp_ros.control.joint_path import CALLED
 from gdmp_ros.control.plain_tick import controller_of, MADE, OTHER
 from gdmp_ros.franka.channel import (
     ARRIVED,
@@ -48,7 +50,6 @@ from gdmp_ros.ros.arm.compiled_loop import (
     ArmLoop,
     ASKED,
     idle,
-    MESSAGE,
     MODE,
     note_state,
     NUMBERS,
@@ -62,8 +63,10 @@ from gdmp_ros.ros.rcl import bytes_of, Outgoing, Outlet, send_message, write_sta
 from gdmp_ros.ros.serialized import ReferenceReader, SerializedTemplate
 
 #: Its own numbers: whether the robot's time is the clock; stamp [ns] and number of the last state
-#: that was answered; states that were missed; CPU time of the thread at the last answer [ns].
-CLOCKED, STAMPED, ANSWERED, MISSED, WORKED, COUNT = range(NUMBERS, NUMBERS + 6)
+#: that was answered; states that were missed; CPU time of the thread at the last answer [ns];
+#: whether the message that was taken last is for Python, and whether Python is called.
+CLOCKED, STAMPED, ANSWERED, MISSED, WORKED, UNDECIDED, CALLING, COUNT = range(
+    NUMBERS, NUMBERS + 8)
 #: Longest time that compiled code waits for a state [ms].
 PATIENCE_MS = 100
 #: States that wait to be sent; more are not sent. Numbers of an `Outbox`: states that were put
@@ -104,6 +107,18 @@ class Outbox(NamedTuple):
     counts: np.ndarray
     states: np.ndarray
     parts: np.ndarray
+
+
+class Herald(NamedTuple):
+    """
+    How Python is called.
+
+    :ivar calls: functions of semaphores
+    :ivar posted: semaphore
+    """
+
+    calls: np.ndarray
+    posted: np.ndarray
 
 
 @kernel
@@ -153,27 +168,38 @@ def robot_stamp(stamp, answered, number):
 
 
 @kernel
-def run(loop, times, links, scratch, outbox, link, controller, by_wall_time):
-    """
-    Answer states until Python is needed for one.
+def _call(loop, herald):
+    """Let Python take over when it can."""
+    if loop[CALLING] == 0:
+        loop[CALLING] = 1
+        post(herald.calls, herald.posted)
 
+
+@kernel
+def run(loop, times, links, scratch, outbox, herald, link, controller, by_wall_time):
+    """
+    Answer states until Python takes over, or is needed for one.
+
+    :param herald: see `Herald`
     :param by_wall_time: whether a cycle lasts until the next state arrives
-    :returns: `ASKED`; or what was not done for the state that is `UNREAD`: `MESSAGE`, `OTHER`; or
-        an event of the law
+    :returns: `ASKED`; `OTHER`: Python is to make the next cycle, of a state that is `UNREAD` if it
+        has come; or an event of the law
     """
     wire, clocks, spec = link.wire, times.clocks, scratch.time
     while True:
         if loop[ATTENTION] != 0:
             return ASKED
         if receive(wire, PATIENCE_MS) != CAME:
-            return ASKED
+            return OTHER
         wire.integers[UNREAD] = 1
         if not moves(wire):
             return OTHER
         stamp = (robot_stamp(loop[STAMPED], loop[ANSWERED], wire.integers[NUMBER])
                  if loop[CLOCKED] != 0 else wall_ns(clocks, spec))
-        if not take_references(loop, links, scratch, controller, stamp):
-            return MESSAGE
+        # Those behind a message that Python is to decide wait for it.
+        if loop[UNDECIDED] == 0 and not take_references(loop, links, scratch, controller, stamp):
+            loop[UNDECIDED] = 1
+            _call(loop, herald)
         dt = between_arrivals(wire) if by_wall_time else passed(wire) * CYCLE_S
         result = plain_cycle(link, controller, dt, CYCLE_S)
         if result == OTHER:
@@ -181,7 +207,9 @@ def run(loop, times, links, scratch, outbox, link, controller, by_wall_time):
         wire.integers[UNREAD] = 0
         loop[MISSED] += passed(wire) - 1
         loop[STAMPED], loop[ANSWERED] = stamp, wire.integers[NUMBER]
-        if result != MADE:
+        if result == CALLED:
+            _call(loop, herald)
+        elif result != MADE:
             return result
         if note_state(scratch, controller, stamp) or loop[CLOCKED] != 0:
             put(outbox, loop, scratch, stamp)
@@ -198,8 +226,8 @@ def warm_up(control: ArmControl, link: Link) -> None:
     outbox = Outbox(semaphore_functions(), semaphore(), integers,
                     np.zeros((WAITING, 8), dtype=np.uint8),
                     np.zeros((WAITING, 5), dtype=np.int64))
-    run(numbers, Times(clocks, integers, integers), links, scratch, outbox, link,
-        controller_of(control), False)
+    run(numbers, Times(clocks, integers, integers), links, scratch, outbox,
+        Herald(outbox.calls, outbox.posted), link, controller_of(control), False)
     send_waiting(outbox, links, links.states, False, clocks, integers, 0)
 
 
@@ -229,6 +257,7 @@ class FrankaLoop(ArmLoop):
         states = np.zeros((WAITING, 8 * len(out.numbers)), dtype=np.uint8)
         self._outbox = Outbox(semaphore_functions(), semaphore(), np.zeros(2, dtype=np.int64),
                               states, np.zeros((WAITING, 5), dtype=np.int64))
+        self._herald = Herald(self._outbox.calls, semaphore())
         self._clock = None if clock is None else Outgoing(clock, _clock_template())
         nothing = np.zeros(1, dtype=np.int64)
         self._clock_outlet = (Outlet(nothing, nothing, nothing, nothing) if self._clock is None
@@ -238,10 +267,26 @@ class FrankaLoop(ArmLoop):
     def answer(self, control: ArmControl, driver: FrankaDriver, lateness: LatenessRecorder,
                work: LatenessRecorder) -> int:
         """Answer states until Python is needed; see `run`."""
+        self.numbers[UNDECIDED] = self.numbers[CALLING] = 0
         times = Times(clock_functions(), _numbers(lateness), _numbers(work))
         with self.references_in_use():
             return int(run(self.numbers, times, self._links, self._scratch, self._outbox,
-                           link_of(driver), controller_of(control), driver.wall_time))
+                           self._herald, link_of(driver), controller_of(control),
+                           driver.wall_time))
+
+    @property
+    def undecided(self) -> bytes | None:
+        """A reference that Python is to decide; None if there is none."""
+        return self.message if self.numbers[UNDECIDED] else None
+
+    def heralding(self, clock: Clock) -> Loop:
+        """Let Python take over from compiled code that calls it."""
+        spec, herald = np.zeros(2, dtype=np.int64), self._herald
+        while True:
+            now = clock.now()
+            if wait_for_post(herald.calls, herald.posted, spec, now + PATIENCE_MS * 1_000_000):
+                self.call()
+            yield now
 
     def sending(self, clock: Clock) -> Loop:
         """Send the states of cycles that compiled code has made."""

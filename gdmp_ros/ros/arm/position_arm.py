@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from gdmp_ros.control.admittance import AdmittanceSettings
+from gdmp_ros.control.joint_path import CALLED
 from gdmp_ros.control.measurement import Tick
 from gdmp_ros.control.plain_tick import OTHER
 from gdmp_ros.errors import DataError
@@ -111,9 +112,11 @@ class PositionArm(ArmBackend):
             why = loop.run(control, self.driver, node.lateness)
             if int(out.written[0]) != before:
                 commands.sequence = int(numbers[SEQUENCE])
-                control.controller.catch_up()
+                control.catch_up()
             now = node.clock.wall()
-            if why in (JOINTS, WRENCH, RUNNING):
+            if why == CALLED:
+                pass
+            elif why in (JOINTS, WRENCH, RUNNING):
                 loop.hand_over(why, now)
             elif why >= UNUSABLE:
                 control.fail(str(self.driver.stopped(why - UNUSABLE)))
@@ -125,7 +128,7 @@ class PositionArm(ArmBackend):
                 if why in (ASKED, MESSAGE, OTHER):
                     self._tick(now)
                 else:
-                    tick = control.end_tick(why)
+                    tick = control.controller.end_tick(why)
                     self.driver.command(tick.torque)
                     self._publish(tick, now)
                 numbers[LEFT] = 0

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gdmp_ros.control.arm_control import ArmControl
+from gdmp_ros.control.joint_path import CALLED
 from gdmp_ros.control.plain_tick import controller_of, MADE
 from gdmp_ros.control.servo import SCALARS
 from gdmp_ros.kernels import kernel, records_at
@@ -127,7 +128,8 @@ def run(loop, clocks, lateness, links, topics, heard, scratch, view, controller)
     """
     Make ticks until Python is needed.
 
-    :returns: `ASKED`, `MESSAGE`, `JOINTS`, `WRENCH`, `RUNNING`, or what `plain_tick` returns
+    :returns: `CALLED`, `ASKED`, `MESSAGE`, `JOINTS`, `WRENCH`, `RUNNING`, or what `plain_tick`
+        returns
     """
     scalars = records_at(view.servo.numbers, 0, 1, SCALARS)[0]
     while True:
@@ -144,7 +146,7 @@ def run(loop, clocks, lateness, links, topics, heard, scratch, view, controller)
         keep_phase(loop, heard.arrived[0])
         scalars.dt = 1e-9 * min(loop[LEFT], MOST_LATE) * loop[PERIOD]
         result = plain_tick(view, controller)
-        if result != MADE:
+        if result not in (MADE, CALLED):
             return result
         command_numbers(view.servo.command[0], view.servo.virtual[1], topics.order,
                         topics.horizon[0], topics.sent)
@@ -158,6 +160,8 @@ def run(loop, clocks, lateness, links, topics, heard, scratch, view, controller)
             send_state(links, scratch.state_bytes, now, loop[SEQUENCE], loop[MODE], written[0],
                        written[4] != 0)
         loop[LEFT] = 0
+        if result == CALLED:
+            return CALLED
 
 
 def warm_up(control: ArmControl, link: TopicLink, view: PositionArmView) -> None:

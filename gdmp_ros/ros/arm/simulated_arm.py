@@ -7,6 +7,7 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from std_srvs.srv import SetBool
 
 from gdmp_ros.control.arm_states import Request, State
+from gdmp_ros.control.joint_path import CALLED
 from gdmp_ros.control.plain_tick import OTHER
 from gdmp_ros.errors import GdmpError, ParameterError
 from gdmp_ros.realtime.loop import Loop, NS, periodic
@@ -144,7 +145,10 @@ class SimulatedArm(ArmBackend):
             if made:
                 self._ticks += made
                 commands.sequence = int(numbers[SEQUENCE])
-                node.control.controller.catch_up()
+                node.control.catch_up()
+            if why == CALLED:
+                yield 0
+                continue
             stamp = int(numbers[STAMP] - (numbers[LEFT] - 1) * numbers[PERIOD])
             if why == MESSAGE:
                 commands.offer(loop.message, node.clock.wall())
