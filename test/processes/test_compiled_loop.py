@@ -6,6 +6,7 @@ import sys
 import threading
 
 from gdmp_msgs.msg import Reference, RobotState
+from geometry_msgs.msg import PoseStamped
 import numpy as np
 import pytest
 import rclpy
@@ -26,6 +27,7 @@ from gdmp_ros.ros.messages import (
     fill_joint_reference,
     fill_reference,
     fill_robot_state,
+    pose_message,
     ROBOT_STATE_FIXED,
     robot_state_numbers,
     stamp_of,
@@ -166,6 +168,32 @@ def test_a_stream_is_followed_without_the_interpreter(bed, monkeypatch, joints):
         np.testing.assert_allclose(state.joint_reference[0].position, state.position, atol=0.01)
         # From 200 Nm/rad towards the 100 that are wanted.
         assert 100.0 <= max(state.joint_reference[0].stiffness) < 200.0
+
+
+@pytest.mark.parametrize('request_', [Request.GUIDE, Request.COMPLY])
+def test_a_hand_moves_the_arm(bed, request_):
+    """In the loop that needs no interpreter, too, the hand is looked for."""
+    sender = bed.client.publisher(PoseStamped, '/panda_sim/hand_pose', reliable(DEEP))
+    while not sender.subscribers():
+        bed.client.spin(0.01)
+    answer = bed.commands.ask(request_)
+    bed.run(lambda: answer.done)
+    assert not answer.refusal
+    place = bed.backend.model.measure().pose
+    place[0] += 0.1
+    made, message = 0, PoseStamped(pose=pose_message(place))
+    message.header.frame_id = 'panda_link0'
+    timer = threading.Timer(20.0, bed.loop.call)  # otherwise the loop might never come back
+    timer.start()
+    while bed.backend.driver.hand is None or made < 300:
+        before = bed.out.written[0]
+        if made % 50 == 0:
+            sender.publish(message)
+        next(bed.cycles)
+        assert bed.out.written[0] == before + 1
+        made += 1
+    timer.cancel()
+    assert bed.backend.model.measure().pose[0] > place[0] - 0.08
 
 
 def test_joints_move_without_the_interpreter(bed, monkeypatch):

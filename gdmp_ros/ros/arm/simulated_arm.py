@@ -165,7 +165,9 @@ class SimulatedArm(ArmBackend):
     def _only_goes_on(self) -> bool:
         """Whether the next tick may be one that a kernel makes."""
         node = self.node
-        other = self.paused, not node.active, node.commands.asked, self._viewer
+        # A hand is looked for in ticks of Python.
+        other = (self.paused, not node.active, node.commands.asked, self._viewer,
+                 node.control.states.state in (State.GUIDED, State.COMPLIANT))
         return not any(other) and only_goes_on(node.control, self.driver)
 
     def _wall_tick(self, deadline_ns: int, now_ns: int) -> None:
