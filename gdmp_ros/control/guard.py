@@ -60,7 +60,7 @@ class ReferenceGuard:
         self._use(settings, limits)
         self.states = states or ArmStates()
         self.states.watchers.append(self._entered)
-        self._stream.state, self._stream.known = stream.number_of(self.states.state), 1.0
+        self._stream.state, self._stream.noted = stream.number_of(self.states.state), 1.0
         self._tool = PoseReferences(pose, damping_ratio, stopped.stopped[:6])
         self._joints = JointReferences(joints, damping_ratio, stopped.stopped_joints)
         self.forget_stream()
@@ -237,8 +237,8 @@ class ReferenceGuard:
     def _entered(self, before: State) -> None:
         """The state of the arm has changed, or not."""
         state, known = self.states.state, self._stream
-        stops = known.known and before.follows and state is State.STOPPING
-        known.state, known.known = stream.number_of(state), 1.0
+        stops = known.noted and before.follows and state is State.STOPPING
+        known.state, known.noted = stream.number_of(state), 1.0
         if state is before:
             return
         if state is State.FAULT:
@@ -272,7 +272,7 @@ class ReferenceGuard:
     def settle(self) -> None:
         """Know that what was followed is lost, or rests after a stop."""
         known = self._stream
-        if not known.known:
+        if not known.noted:
             self.states.take(Request.LOST, f'{NO_REFERENCE} {self.settings.timeout:g} s')
             known.resumable = 1.0
         if self.states.state is State.STOPPING and known.stop_progress >= 1.0:

@@ -58,10 +58,10 @@ class JointMotion(ABC):
 
     request: Request
 
-    def __init__(self, seconds: float = math.inf):
+    def __init__(self) -> None:
         self.path = NO_PATH._replace(progress=NO_PATH.progress.copy())
         self.progress = records_at(self.path.progress, 0, 1, PROGRESS)[0]
-        self.progress.seconds = seconds
+        self.progress.seconds = math.inf
 
     @property
     @abstractmethod

@@ -94,7 +94,7 @@ def place_at(path, time, position, velocity):
 
 
 @kernel
-def share_of(numbers, rates, dt):
+def _share(numbers, rates, dt):
     """
     Share of the speed that is left to a motion of the joints; it grows slowly.
 
@@ -126,7 +126,7 @@ def _tempo(numbers, rates, dt):
         for j in range(rates.size):
             moving[i] += arm.jacobian[i, j] * rates[j]
     largest = TOOL_SPEED_SHARE * records_at(arm.limits, 0, 1, LIMIT_NUMBERS)[0].tool_speed
-    return min(share_of(numbers, rates, dt), largest / max(norm(3, moving), largest))
+    return min(_share(numbers, rates, dt), largest / max(norm(3, moving), largest))
 
 
 @kernel

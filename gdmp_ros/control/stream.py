@@ -49,7 +49,7 @@ _SPARE_S = 0.01
 #: What a guard knows of its streams; flags are 0 or 1.
 STREAM = np.dtype([(name, np.float64) for name in (
     'state',            # of the arm: its number in `State`
-    'known',            # flag: the guard knows it
+    'noted',            # flag: the guard knows it
     'of_joints',        # flag: the target is one of the joints
     # The newest reference that is followed.
     'fresh',            # flag: it has come in this tick
@@ -325,7 +325,7 @@ def is_lost(numbers):
 def has_changed(numbers):
     """Whether a motion that was followed is lost, or has come to rest after a stop."""
     stream = records_at(numbers, 0, 1, STREAM)[0]
-    return stream.state == _STOPPING and (stream.known == 0.0 or stream.stop_progress >= 1.0)
+    return stream.state == _STOPPING and (stream.noted == 0.0 or stream.stop_progress >= 1.0)
 
 
 @kernel
@@ -357,7 +357,7 @@ def advance(numbers, tool, joints, dt):
     """
     stream = records_at(numbers, 0, 1, STREAM)[0]
     if is_followed(numbers) and is_lost(numbers):
-        stream.state, stream.known = _STOPPING, 0.0
+        stream.state, stream.noted = _STOPPING, 0.0
         begin_stop(numbers, tool, joints)
     if not is_followed(numbers):
         _slow_down(numbers, tool, joints, dt)
