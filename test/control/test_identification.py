@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from experiments.energy_audit import Audit
-from gdmp_ros.control.identification import FrictionIdentification
+from gdmp_ros.control.identification import ACCELERATION, FrictionIdentification, MARGIN
 from gdmp_ros.control.settings import (
     ControllerSettings,
     FrictionSettings,
@@ -174,6 +174,21 @@ def test_a_joint_without_room_is_named():
         loop.tick()
     with pytest.raises(DataError, match='joint 4 has no room'):
         plan.result()
+
+
+def test_a_joint_with_little_room_moves_without_a_jump():
+    """The motion is too short for the ramps of its speed."""
+    arm = Arm()
+    start = arm.data.qpos.copy()
+    start[3] = arm.limits.upper[3] - MARGIN - 0.01
+    plan = FrictionIdentification(arm.limits, arm.chain, (0.4,), 0.1)
+    plan.begin(start)
+    step = 0.002
+    places, rates = zip(*(plan.at(time) for time in np.arange(0.0, plan.remaining, step)))
+    assert np.abs(np.diff(places, axis=0)).max() <= 0.4 * step * (1.0 + 1e-9)
+    assert np.abs(np.diff(rates, axis=0)).max() <= ACCELERATION * step * (1.0 + 1e-9)
+    np.testing.assert_allclose(places[-1], start, atol=0.4 * step)
+    assert np.max(places, axis=0)[3] == pytest.approx(start[3] + 0.01, abs=1e-4)
 
 
 def test_after_the_motions_references_are_followed_again():

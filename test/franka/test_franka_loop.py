@@ -12,7 +12,7 @@ import pytest
 
 from gdmp_ros.control.arm_states import State
 from gdmp_ros.control.joint_motion import PostureMotion
-from gdmp_ros.control.plain_tick import controller_of
+from gdmp_ros.control.plain_tick import controller_of, OTHER
 from gdmp_ros.control.target import resting_target
 from gdmp_ros.franka.channel import Channel, COMMAND_SIZE
 from gdmp_ros.franka.plain_cycle import link_of
@@ -65,17 +65,23 @@ class Answering:
             self.numbers, Times(clock_functions(), lateness, work),
             links._replace(functions=addresses(ctypes.CDLL(None), takes, NOTHING), taken=taken),
             scratch, outbox, self.herald, link_of(self.driver), controller_of(control), False)
-        self.returned = []
-        self._thread = threading.Thread(
-            target=lambda: self.returned.append(franka_loop.run(*arguments)))
+        self._thread = threading.Thread(target=self._run, args=arguments)
         self._thread.start()
+
+    def _run(self, *arguments):
+        # A test that is held up is a robot that is silent.
+        while franka_loop.run(*arguments) == OTHER:
+            pass
+
+    def _send(self):
+        self._number += 1
+        state = packed(self._number, [(POSITION, self._position)])
+        self._robot.sendto(state, self._own.getsockname())
 
     def answers(self, count):
         """Send states; every one is answered."""
         for _ in range(count):
-            self._number += 1
-            state = packed(self._number, [(POSITION, self._position)])
-            self._robot.sendto(state, self._own.getsockname())
+            self._send()
             assert len(self._robot.recv(2048)) == COMMAND_SIZE
 
     def is_called(self):
@@ -83,12 +89,11 @@ class Answering:
         return bool(wait_for_post(self.herald.calls, self.herald.posted, np.zeros(2, int), 0))
 
     def take_over(self):
-        """Let the loop return after the next state; what it returns."""
+        """Let the loop return before or after one more state."""
         self.numbers[ATTENTION] = 1
-        self.answers(1)
+        self._send()
         self._thread.join()
         self.control.catch_up()
-        return self.returned[0]
 
     def close(self):
         """End the loop."""
@@ -118,8 +123,8 @@ def test_a_robot_is_answered_while_python_is_to_decide(loop, answering):
     assert made.numbers[UNDECIDED] == 1
     # Once, however long it takes.
     assert made.is_called() and not made.is_called()
-    assert made.take_over() == compiled_loop.ASKED
-    assert made.numbers[ANSWERED] == 51 and loop.states.state is State.HOLDING
+    made.take_over()
+    assert made.numbers[ANSWERED] >= 50 and loop.states.state is State.HOLDING
 
 
 def test_a_stream_that_is_lost_stops_before_python_knows_it(loop, answering):
@@ -133,7 +138,7 @@ def test_a_stream_that_is_lost_stops_before_python_knows_it(loop, answering):
     made.answers(440)  # it was lost after 0.1 s, and has stopped after another 0.3 s
     assert made.is_called() and loop.states.state is State.FOLLOWING
     assert np.abs(loop.controller.guard.targets[0][7:13]).max() == 0.0
-    assert made.take_over() == compiled_loop.ASKED
+    made.take_over()
     assert loop.states.state is State.HOLDING
     assert 'no reference for 0.1 s' in loop.states.reason
 
@@ -147,5 +152,5 @@ def test_joints_that_have_arrived_stay_until_python_knows_it(loop, answering):
     made.answers(1000)
     assert made.is_called() and loop.states.state is State.MOVING and motion.done
     np.testing.assert_array_equal(loop.controller.memory.wanted, goal)
-    assert made.take_over() == compiled_loop.ASKED
+    made.take_over()
     assert loop.states.state is State.HOLDING and not loop.joint_motion_problem
