@@ -11,7 +11,7 @@ from gdmp_ros.control.controller import ImpedanceController
 from gdmp_ros.control.joint_motion import Braking, JointMotion
 from gdmp_ros.control.joint_path import JointPath, NO_PATH
 from gdmp_ros.control.joint_target import joint_target_size, resting_joints
-from gdmp_ros.control.law import compare_with
+from gdmp_ros.control.law import compare_with, let_move
 from gdmp_ros.control.limits import LIMITS
 from gdmp_ros.control.measurement import Measurement, Tick
 from gdmp_ros.control.modes import StreamMode
@@ -73,8 +73,10 @@ class ArmControl:
             self.compute(measured, dt)
         compare_with(self.controller.numbers, np.tile(self.controller.memory.last, (2, 1)),
                      self.joints.cycle)
-        self.controller.move_joints(measured, Braking(measured.position, measured.velocity,
-                                                      dt).path, dt)
+        rest = Braking(measured.position, measured.velocity, dt)
+        rest.target()
+        self.controller.move_joints(measured, rest.path, dt)
+        let_move(self.controller.numbers, 1.0)
         self.controller.move_tool(measured.pose, measured.pose, self.driver.end_pose)
         self.controller.surround(self.controller.scene)
         self.compute(measured, dt)
@@ -269,6 +271,16 @@ class ArmControl:
             self.controller.guard.settle()
         else:
             self._look_at(motion)
+
+    def end_tick(self, event: int) -> Tick:
+        """End a tick in which a kernel felt something, or could compute no torque."""
+        motion = self._present_motion
+        if motion is None:
+            self.controller.guard.settle()
+        result = self.controller.end_tick(event)
+        if motion is not None:
+            self._look_at(motion)
+        return result
 
     @property
     def only_goes_on(self) -> bool:

@@ -137,6 +137,9 @@ class FrictionIdentification(JointMotion):
             made = leg.pieces(start)
             pieces += made
             self._leg_of += len(made) * [number]
+        # It stays there until somebody looks.
+        pieces.append(Piece(time, start[None]))
+        self._leg_of.append(-1)
         self._plan(pieces, time)
 
     @property

@@ -153,7 +153,7 @@ def _look(arm, p, dt):
     p.apart = 0.0
     for i in range(arm.position.size):
         apart = abs(arm.wanted[i] - arm.position[i])
-        if not apart <= p.apart:
+        if not apart <= p.apart and p.apart == p.apart:  # a number that is none stays
             p.joint, p.apart = i, apart
     p.waited = p.waited + dt if arm.scalars.share < WAITS else 0.0
     if not p.apart <= LARGEST_ERROR:
@@ -172,12 +172,15 @@ def make_way(numbers, path, dt):
     :param numbers: memory of the controller, with what was measured
     :param path: a `JointPath`
     :param dt: time for which the torque acts [s]
-    :returns: 0, an event of `compute`, or `CALLED`: it has arrived, where it stays, or has a
-        problem
+    :returns: 0, an event of `compute`, or `CALLED`: it has arrived, or has a problem; it stays
+        where it is
     """
     arm, p = arm_view(numbers), records_at(path.progress, 0, 1, PROGRESS)[0]
     piece = place_at(path, p.time, arm.wanted, arm.wanted_rate)
-    p.tempo = 1.0 if p.brakes != 0.0 else _tempo(numbers, arm.wanted_rate, dt)
+    if p.problem != FINE:
+        p.tempo = 0.0
+    else:
+        p.tempo = 1.0 if p.brakes != 0.0 else _tempo(numbers, arm.wanted_rate, dt)
     for i in range(arm.wanted_rate.size):
         arm.wanted_rate[i] *= p.tempo
     joint = path.measured[piece]
@@ -186,7 +189,7 @@ def make_way(numbers, path, dt):
     event = compute(numbers)
     if joint >= 0:
         _sample(path, piece, arm.position, arm.torque[joint] - known)
-    if p.brakes == 0.0:
+    if p.brakes == 0.0 and p.problem == FINE:
         _look(arm, p, dt)
     if p.problem == FINE:
         p.time += p.tempo * dt

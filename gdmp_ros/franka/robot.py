@@ -232,16 +232,17 @@ class FrankaRobot:
         if self._control is not None and channel.mode != MOVES:
             self._ask_why()
         first, self._begun = self._begun or self._control is None, False
-        return self._reading(0.0 if first else CYCLE_S * channel.passed)
+        return self._reading(0.0 if first else CYCLE_S * channel.passed, channel.taken())
 
     def last(self) -> Reading:
         """The last state again, after kernels have taken some."""
-        return self._reading(CYCLE_S)
+        wire = self.channel.wire
+        return self._reading(CYCLE_S, np.array([wire.lowest, wire.highest]))
 
-    def _reading(self, elapsed: float) -> Reading:
+    def _reading(self, elapsed: float, taken: np.ndarray) -> Reading:
         channel = self.channel
         return Reading(channel.part('q'), channel.part('dq'), channel.part('tau_ext_hat_filtered'),
-                       channel.taken(), elapsed)
+                       taken, elapsed)
 
     def _ask_why(self) -> None:
         """:raises ArmStopped: with why the robot has ended the control"""

@@ -119,7 +119,7 @@ def end_tick(control: ArmControl, driver: SimulatedDriver, event: int) -> Tick:
     """
     if event == BROKEN:
         driver.arm.check()
-    tick = control.controller.end_tick(event)
+    tick = control.end_tick(event)
     driver.command(tick.torque)
     driver.arm.advance()
     return tick

@@ -128,7 +128,9 @@ def test_nodes_find_each_other_in_any_order_and_a_command_finds_them(nodes, skil
     try:
         assert executing.stdout.readline().startswith('waiting for the pose of the robot')
         nodes.start_arm()
-        nodes.client.wait_status('moving', 60.0)
+        nodes.wait('a motion', lambda: (nodes.client.state.status == 'moving'
+                                        or executing.poll() is not None), 60.0)
+        assert executing.poll() is None, executing.communicate()
         executing.send_signal(signal.SIGINT)
         said, problem = executing.communicate(timeout=60)
         assert 'stopped' in said and executing.returncode == 130, problem

@@ -1,8 +1,9 @@
 """
 The loop of a simulated arm without the interpreter: sleep, take references, tick, send the state.
 
-It runs until Python is needed: for requests, for the beginning and the end of a motion, for what
-`gdmp_ros.sim.plain_tick` does not do. Python then makes that tick.
+It runs until Python is needed: for requests, for the beginning of a motion, for what
+`gdmp_ros.sim.plain_tick` does not do. Python then makes that tick. After the last tick of a motion
+or a stop Python is told.
 """
 from __future__ import annotations
 

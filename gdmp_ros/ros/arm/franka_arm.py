@@ -25,6 +25,7 @@ from gdmp_ros.ros.arm.franka_loop import (
     MISSED,
     robot_stamp,
     STAMPED,
+    UNDECIDED,
     warm_up,
     WORKED,
 )
@@ -160,18 +161,20 @@ class FrankaArm(ArmBackend):
             self._stamp_ns, self._answered = int(numbers[STAMPED]), int(numbers[ANSWERED])
             commands.sequence = int(numbers[SEQUENCE])
             driver.lost += int(numbers[MISSED])
-            control.catch_up()
             driver.catch_up(control.controller.memory.torque)
+            if why in (ASKED, OTHER):
+                control.catch_up()
         if why not in (ASKED, OTHER):
-            tick = control.controller.end_tick(why)
+            tick = control.end_tick(why)
             try:
                 driver.command(tick.torque)
             except ArmStopped as error:
                 control.fail(str(error))
             self._publish(tick, self._stamp_ns)
-        message = loop.undecided
-        if message is not None:
-            commands.offer(message, self._next_stamp(driver))
+        if numbers[UNDECIDED]:
+            # Others wait behind it.
+            commands.offer(loop.message, int(numbers[UNDECIDED]))
+            commands.take_references(self._next_stamp(driver))
         return int(numbers[WORKED]), why != OTHER
 
     def _stamp(self, driver: FrankaDriver) -> int:

@@ -64,7 +64,8 @@ from gdmp_ros.ros.serialized import ReferenceReader, SerializedTemplate
 
 #: Its own numbers: whether the robot's time is the clock; stamp [ns] and number of the last state
 #: that was answered; states that were missed; CPU time of the thread at the last answer [ns];
-#: whether the message that was taken last is for Python, and whether Python is called.
+#: when the message that was taken last was taken, if it is for Python, otherwise 0 [ns]; whether
+#: Python is called.
 CLOCKED, STAMPED, ANSWERED, MISSED, WORKED, UNDECIDED, CALLING, COUNT = range(
     NUMBERS, NUMBERS + 8)
 #: Longest time that compiled code waits for a state [ms].
@@ -198,7 +199,7 @@ def run(loop, times, links, scratch, outbox, herald, link, controller, by_wall_t
                  if loop[CLOCKED] != 0 else wall_ns(clocks, spec))
         # Those behind a message that Python is to decide wait for it.
         if loop[UNDECIDED] == 0 and not take_references(loop, links, scratch, controller, stamp):
-            loop[UNDECIDED] = 1
+            loop[UNDECIDED] = stamp
             _call(loop, herald)
         dt = between_arrivals(wire) if by_wall_time else passed(wire) * CYCLE_S
         result = plain_cycle(link, controller, dt, CYCLE_S)
@@ -229,6 +230,7 @@ def warm_up(control: ArmControl, link: Link) -> None:
     run(numbers, Times(clocks, integers, integers), links, scratch, outbox,
         Herald(outbox.calls, outbox.posted), link, controller_of(control), False)
     send_waiting(outbox, links, links.states, False, clocks, integers, 0)
+    wait_for_post(outbox.calls, outbox.posted, integers, 0)
 
 
 def _clock_template() -> SerializedTemplate:
@@ -273,11 +275,6 @@ class FrankaLoop(ArmLoop):
             return int(run(self.numbers, times, self._links, self._scratch, self._outbox,
                            self._herald, link_of(driver), controller_of(control),
                            driver.wall_time))
-
-    @property
-    def undecided(self) -> bytes | None:
-        """A reference that Python is to decide; None if there is none."""
-        return self.message if self.numbers[UNDECIDED] else None
 
     def heralding(self, clock: Clock) -> Loop:
         """Let Python take over from compiled code that calls it."""

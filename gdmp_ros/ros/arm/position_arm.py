@@ -112,7 +112,8 @@ class PositionArm(ArmBackend):
             why = loop.run(control, self.driver, node.lateness)
             if int(out.written[0]) != before:
                 commands.sequence = int(numbers[SEQUENCE])
-                control.catch_up()
+                if why in (CALLED, ASKED, MESSAGE, OTHER, JOINTS, WRENCH, RUNNING):
+                    control.catch_up()
             now = node.clock.wall()
             if why == CALLED:
                 pass
@@ -128,7 +129,7 @@ class PositionArm(ArmBackend):
                 if why in (ASKED, MESSAGE, OTHER):
                     self._tick(now)
                 else:
-                    tick = control.controller.end_tick(why)
+                    tick = control.end_tick(why)
                     self.driver.command(tick.torque)
                     self._publish(tick, now)
                 numbers[LEFT] = 0

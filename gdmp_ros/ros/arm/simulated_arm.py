@@ -27,7 +27,7 @@ from gdmp_ros.ros.arm.node import ArmNode
 from gdmp_ros.ros.arm.parameters import hand_settings, simulated_arm, SIMULATION
 from gdmp_ros.ros.gripper import GripperInterface
 from gdmp_ros.ros.messages import checked_pose, stamp_of
-from gdmp_ros.ros.middleware import CLOCK_DEPTH, deserialized
+from gdmp_ros.ros.middleware import CLOCK_DEPTH
 from gdmp_ros.ros.running import run
 from gdmp_ros.scene.scene import Scene
 from gdmp_ros.sim.closed_loop import SimulatedDriver
@@ -42,8 +42,6 @@ PAUSED_NS = 1_000_000
 VIEWER_EVERY = 16
 #: Without a message for this time the hand releases the tool [s].
 HAND_TIMEOUT_S = 0.3
-#: The pose of the hand is polled once in this many ticks.
-HAND_EVERY = 5
 MAX_STEPS = 100_000
 #: Time for steps of a paused simulation, beyond their own duration [s].
 STEP_TIMEOUT_S = 5.0
@@ -73,6 +71,7 @@ class SimulatedArm(ArmBackend):
         # Only the loop counts ticks, and only the other thread sets the last one of a request.
         self._ticks = self._last_tick = 0
         self._hand_problem, self._hand_ticks = '', 0
+        self._hand_seen: PoseStamped | None = None
         return self.driver
 
     def surround(self, scene: Scene) -> None:
@@ -82,7 +81,7 @@ class SimulatedArm(ArmBackend):
         node = self.node
         if node.parameters.pace == 'fast':
             self._clock_out = node.add_publisher(ClockMessage, '/clock', CLOCK_DEPTH)
-        self._hand_poses = node.add_subscription(PoseStamped, '~/hand_pose', None)
+        node.add_subscription(PoseStamped, '~/hand_pose', self._on_hand)
         node.add_service(SetBool, 'set_pause', self._on_pause)
         node.arm_services.offer('reset_world', Request.RESET,
                             lambda: 'the arm is reset to its first keyframe')
@@ -145,7 +144,8 @@ class SimulatedArm(ArmBackend):
             if made:
                 self._ticks += made
                 commands.sequence = int(numbers[SEQUENCE])
-                node.control.catch_up()
+                if why in (CALLED, ASKED, MESSAGE, OTHER):
+                    node.control.catch_up()
             if why == CALLED:
                 yield 0
                 continue
@@ -165,9 +165,8 @@ class SimulatedArm(ArmBackend):
     def _only_goes_on(self) -> bool:
         """Whether the next tick may be one that a kernel makes."""
         node = self.node
-        # A hand is looked for in ticks of Python.
         other = (self.paused, not node.active, node.commands.asked, self._viewer,
-                 node.control.states.state in (State.GUIDED, State.COMPLIANT))
+                 self._hand_seen is not None)
         return not any(other) and only_goes_on(node.control, self.driver)
 
     def _wall_tick(self, deadline_ns: int, now_ns: int) -> None:
@@ -271,27 +270,29 @@ class SimulatedArm(ArmBackend):
     def _entered(self, before: State) -> None:
         """A hand guides the arm from now on, or does not any more."""
         if State.GUIDED in (before, self.node.control.states.state):
-            self._hand_poses.discard()
+            self._hand_seen = None
             self._hand_ticks = 0
             self.driver.release()
 
+    def _on_hand(self, message: PoseStamped) -> None:
+        self._hand_seen = message
+        self.node.commands.called()
+
     def _poll_hand(self) -> None:
         self._hand_ticks += 1
-        if self._hand_ticks % HAND_EVERY:
-            return
-        received = self._hand_poses.newest()
-        if received is not None:
-            self._take_hand(received.data)
+        message, self._hand_seen = self._hand_seen, None
+        if message is not None:
+            self._take_hand(message)
         elif (self.driver.hand is not None
               and self._hand_ticks * self.model.period > HAND_TIMEOUT_S):
             # Without a hand, the mouse in the viewer may apply a force: do not reset it here.
             self.driver.release()
 
-    def _take_hand(self, data: bytes) -> None:
-        """Hold the tool with a hand at the pose of a serialised message, or refuse the pose."""
+    def _take_hand(self, message: PoseStamped) -> None:
+        """Hold the tool with a hand at a pose, or refuse it."""
         parameters = self.node.parameters
         try:
-            pose = checked_pose(deserialized(data, PoseStamped), parameters.frame_id)
+            pose = checked_pose(message, parameters.frame_id)
         except GdmpError as error:
             self._hand_problem = f'hand_pose refused: {error}'
             return
