@@ -137,7 +137,7 @@ class FrictionIdentification(JointMotion):
             made = leg.pieces(start)
             pieces += made
             self._leg_of += len(made) * [number]
-        # It stays there until somebody looks.
+        # The last piece is constant: the arm stays at the start until Python ends the motion.
         pieces.append(Piece(time, start[None]))
         self._leg_of.append(-1)
         self._plan(pieces, time)

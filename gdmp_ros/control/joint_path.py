@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gdmp_ros.control.governor import HELD_IN_S, share_of_way, TOOL_SPEED_SHARE
-from gdmp_ros.control.law import compute
+from gdmp_ros.control.law import compute, multiply_vector
 from gdmp_ros.control.memory import arm_view, JOINT_MOTION
 from gdmp_ros.control.settings import LIMIT_NUMBERS
 from gdmp_ros.kernels import kernel, local_numbers, records_at
@@ -121,10 +121,7 @@ def _tempo(numbers, rates, dt):
     held, it waits.
     """
     arm, moving = arm_view(numbers), local_numbers(3)
-    for i in range(3):
-        moving[i] = 0.0
-        for j in range(rates.size):
-            moving[i] += arm.jacobian[i, j] * rates[j]
+    multiply_vector(arm.jacobian[:3], rates, moving)
     largest = TOOL_SPEED_SHARE * records_at(arm.limits, 0, 1, LIMIT_NUMBERS)[0].tool_speed
     return min(_share(numbers, rates, dt), largest / max(norm(3, moving), largest))
 
@@ -153,7 +150,7 @@ def _look(arm, p, dt):
     p.apart = 0.0
     for i in range(arm.position.size):
         apart = abs(arm.wanted[i] - arm.position[i])
-        if not apart <= p.apart and p.apart == p.apart:  # a number that is none stays
+        if not apart <= p.apart and p.apart == p.apart:  # NaN stays
             p.joint, p.apart = i, apart
     p.waited = p.waited + dt if arm.scalars.share < WAITS else 0.0
     if not p.apart <= LARGEST_ERROR:
@@ -185,7 +182,7 @@ def make_way(numbers, path, dt):
         arm.wanted_rate[i] *= p.tempo
     joint = path.measured[piece]
     known = arm.bias[joint]  # the law adds the weight that the model lacks
-    arm.scalars.dt, arm.scalars.does = dt, JOINT_MOTION
+    arm.scalars.does = JOINT_MOTION
     event = compute(numbers)
     if joint >= 0:
         _sample(path, piece, arm.position, arm.torque[joint] - known)

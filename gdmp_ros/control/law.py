@@ -105,7 +105,8 @@ def _ratio(asked, usual):
 
 
 @kernel
-def _multiply(matrix, vector, result):
+def multiply_vector(matrix, vector, result):
+    """Write the product of a matrix and a vector."""
     for i in range(matrix.shape[0]):
         result[i] = 0.0
         for j in range(matrix.shape[1]):
@@ -116,7 +117,7 @@ def _multiply(matrix, vector, result):
 def _free(velocity, bias, jacobian, damping, friction, torque, twist):
     """Compensate gravity, damp the joints, and let friction act at the tool."""
     moving = local_numbers(3)
-    _multiply(jacobian[:3], velocity, moving)
+    multiply_vector(jacobian[:3], velocity, moving)
     speed = norm(3, moving)
     # Against the motion: a tool at rest feels no friction.
     hold = friction * math.tanh(speed / FREE_SMOOTHING) / max(speed, 1e-9)
@@ -141,14 +142,14 @@ def _follow_joints(position, velocity, bias, jacobian, inertia, wanted, wanted_r
     for i in range(n):
         acceleration[i] = (BANDWIDTH ** 2 * (wanted[i] - position[i])
                            + 2.0 * BANDWIDTH * (wanted_rate[i] - velocity[i]))
-    _multiply(inertia, acceleration, active)
+    multiply_vector(inertia, acceleration, active)
     external_wrench(jacobian, inertia, active, gains.singularity, pushed)
     for part in range(2):
         size = norm(3, pushed[3 * part:3 * part + 3])
         share = min(share, gains.wrench_max[part] / max(size, 1e-9))
     for i in range(n):
         torque[i] = bias[i] + share * active[i]
-    _multiply(jacobian, wanted_rate, twist)
+    multiply_vector(jacobian, wanted_rate, twist)
     return 1.0 - share
 
 
@@ -162,7 +163,7 @@ def _slow_tool(jacobian, velocity, bias, largest, damping, torque):
     :returns: excess [m/s]
     """
     band, moving = min(TOOL_SPEED_BAND, 0.5 * largest), local_numbers(3)
-    _multiply(jacobian[:3], velocity, moving)
+    multiply_vector(jacobian[:3], velocity, moving)
     speed = norm(3, moving)
     excess = speed - largest + band
     if excess <= 0.0:
@@ -414,7 +415,7 @@ def compute(numbers):
         s.law = JOINT_SPRINGS
         _springs_at_joints(numbers, external, limits)
         arm.commanded[:] = 0.0
-        _multiply(arm.jacobian, arm.joint_reference[n:2 * n], twist)
+        multiply_vector(arm.jacobian, arm.joint_reference[n:2 * n], twist)
     if springs and not is_finite(arm.torque):
         return NOT_FINITE
     contact = feel(s, arm.felt, arm.wrench, twist, exerted)

@@ -13,7 +13,7 @@ import numpy as np
 
 from gdmp_ros.control.arm_control import ArmControl
 from gdmp_ros.control.joint_path import CALLED, JointPath, make_way
-from gdmp_ros.control.law import compute, let_move
+from gdmp_ros.control.law import compute, let_move, multiply_vector, NOT_FINITE
 from gdmp_ros.control.memory import arm_view, JOINT_SPRINGS, TOOL_SPRING
 from gdmp_ros.control.stream import (
     advance,
@@ -59,6 +59,11 @@ def controller_of(control: ArmControl) -> Controller:
     return Controller(controller.numbers, guard.numbers, *guard.targets, guard.held, control.path)
 
 
+def is_event(why: int) -> bool:
+    """Whether a tick of a kernel is to be ended by Python (`ArmControl.end_tick`)."""
+    return MADE < why <= NOT_FINITE
+
+
 @kernel
 def decide(controller, dt):
     """
@@ -69,22 +74,18 @@ def decide(controller, dt):
     """
     moves = controller.path.begins.size > 0
     arm = arm_view(controller.numbers)
-    for i in range(6):
-        arm.twist[i] = 0.0
-        for j in range(arm.velocity.size):
-            arm.twist[i] += arm.jacobian[i, j] * arm.velocity[j]
+    multiply_vector(arm.jacobian, arm.velocity, arm.twist)
     if not (is_finite(arm.pose) and is_finite(arm.twist)):
         return OTHER
+    arm.scalars.dt = dt
     elapse(controller.stream, dt)
     damping = free_damping(controller.stream)
     if moves or damping > 0.0:
         rest_at(controller.stream, controller.target, arm.pose)
-        arm.scalars.dt = dt
         if moves:
             return make_way(controller.numbers, controller.path, dt)
         return let_move(controller.numbers, damping)
     advance(controller.stream, controller.target, controller.joints, dt)
-    arm.scalars.dt = dt
     if records_at(controller.stream, 0, 1, STREAM)[0].of_joints != 0.0:
         copy_into(controller.joints, arm.joint_target)
         arm.scalars.does = JOINT_SPRINGS

@@ -8,7 +8,7 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 
 from gdmp_ros.control.arm_driver import ArmStopped
 from gdmp_ros.control.measurement import Tick
-from gdmp_ros.control.plain_tick import OTHER
+from gdmp_ros.control.plain_tick import is_event, OTHER
 from gdmp_ros.franka.channel import Channel, CYCLE_S
 from gdmp_ros.franka.driver import FrankaDriver
 from gdmp_ros.franka.plain_cycle import link_of
@@ -18,7 +18,7 @@ from gdmp_ros.realtime.loop import Loop, NS, thread_cpu_ns
 from gdmp_ros.realtime.native import prepared
 from gdmp_ros.realtime.statistics import LatenessRecorder
 from gdmp_ros.ros.arm.backend import ArmBackend
-from gdmp_ros.ros.arm.compiled_loop import ASKED, MODE, SEQUENCE
+from gdmp_ros.ros.arm.compiled_loop import MODE, SEQUENCE
 from gdmp_ros.ros.arm.franka_loop import (
     ANSWERED,
     FrankaLoop,
@@ -162,9 +162,9 @@ class FrankaArm(ArmBackend):
             commands.sequence = int(numbers[SEQUENCE])
             driver.lost += int(numbers[MISSED])
             driver.catch_up(control.controller.memory.torque)
-            if why in (ASKED, OTHER):
+            if not is_event(why):
                 control.catch_up()
-        if why not in (ASKED, OTHER):
+        if is_event(why):
             tick = control.end_tick(why)
             try:
                 driver.command(tick.torque)

@@ -13,7 +13,7 @@ import numpy as np
 from gdmp_ros.control.admittance import AdmittanceSettings
 from gdmp_ros.control.joint_path import CALLED
 from gdmp_ros.control.measurement import Tick
-from gdmp_ros.control.plain_tick import OTHER
+from gdmp_ros.control.plain_tick import is_event, OTHER
 from gdmp_ros.errors import DataError
 from gdmp_ros.realtime.loop import Loop, NS, periodic
 from gdmp_ros.realtime.native import LEFT, PERIOD, prepared
@@ -112,7 +112,8 @@ class PositionArm(ArmBackend):
             why = loop.run(control, self.driver, node.lateness)
             if int(out.written[0]) != before:
                 commands.sequence = int(numbers[SEQUENCE])
-                if why in (CALLED, ASKED, MESSAGE, OTHER, JOINTS, WRENCH, RUNNING):
+                # Also where the arm can be used no longer: it is held where it is now.
+                if not is_event(why):
                     control.catch_up()
             now = node.clock.wall()
             if why == CALLED:

@@ -8,7 +8,7 @@ from std_srvs.srv import SetBool
 
 from gdmp_ros.control.arm_states import Request, State
 from gdmp_ros.control.joint_path import CALLED
-from gdmp_ros.control.plain_tick import OTHER
+from gdmp_ros.control.plain_tick import is_event, OTHER
 from gdmp_ros.errors import GdmpError, ParameterError
 from gdmp_ros.realtime.loop import Loop, NS, periodic
 from gdmp_ros.realtime.native import LEFT, PERIOD, prepared, STAMP
@@ -144,7 +144,7 @@ class SimulatedArm(ArmBackend):
             if made:
                 self._ticks += made
                 commands.sequence = int(numbers[SEQUENCE])
-                if why in (CALLED, ASKED, MESSAGE, OTHER):
+                if not is_event(why):
                     node.control.catch_up()
             if why == CALLED:
                 yield 0
