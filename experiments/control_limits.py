@@ -592,21 +592,30 @@ def position_arm(plant: str, rng: np.random.Generator, count: int) -> list[Found
     hard = position_trial.TABLE_STIFFNESS
     settings = position_trial.SLOW if slow else position_trial.FAST
     speeds = (0.005, 0.01) if slow else (0.005, 0.05)
-    peak, away, apart, off = 0.0, 0, 0.0, 0.0
+    peak, away, apart, off, pushed, strongest = 0.0, 0, 0.0, 0.0, 0.0, 0.0
     for stiffness in (300.0, 800.0):
-        trial = position_trial.Trial(settings)
-        references = position_trial.circle(trial.pose, stiffness)
-        errors = np.linalg.norm(trial.follow(references)[:, :3] - references[:, :3], axis=1)
-        off = max(off, float(np.sqrt(np.mean(errors ** 2))))
+        for references in (position_trial.circle, position_trial.letter):
+            trial = position_trial.Trial(settings)
+            way = references(trial.pose, stiffness)
+            errors = np.linalg.norm(trial.follow(way)[:, :3] - way[:, :3], axis=1)
+            off = max(off, float(np.sqrt(np.mean(errors ** 2))))
+        pushed = max(pushed, abs(position_trial.push(trial, stiffness) - 1.0))
         for speed in speeds:
             trial = position_trial.Trial(settings)
             forces = position_trial.press(trial, stiffness, speed)
             damping = DAMPING_SHARE * hard * trial.driver.delay
             peak = max(peak, forces.max() / (stiffness * depth + damping * speed))
+            if stiffness == 300.0:
+                strongest = max(strongest, float(forces.max()))
             away += position_trial.lost(forces)
             rest = stiffness * depth * hard / (stiffness + hard)
             apart = max(apart, abs(forces[-150:].mean() / rest - 1.0))
-    return [Found('position in free space, RMS [m]', off, 0.002),
+    book = position_trial.given(position_trial.Trial(
+        settings, TankSettings(recharge_power=0.0)), rng)
+    return [Found('circle, and letter with its goal switched: position, RMS [m]', off, 0.002),
+            Found('displacement by a hand of 20 N after 3 D/K, relative error', pushed, 0.1),
+            Found('energy given to the table beyond what the tank paid [J]', book, 0.01),
+            *([] if slow else [Found('largest force at 300 N/m [N]', strongest, 35.0)]),
             Found('peak at first contact, over K e + D v', peak, 1.4),
             Found('cycles without contact later than 0.5 s after the first touch', away, 0),
             Found('mean force on the table, relative error', apart, 0.1)]

@@ -4,10 +4,15 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from gdmp_ros.control.admittance import AdmittanceSettings
+from gdmp_ros.control.admittance import AdmittanceSettings, DAMPING_SHARE
 from gdmp_ros.control.settings import ControllerSettings, TankSettings
 from gdmp_ros.control.target import ACCELERATION, POSE, resting_target, STIFFNESS, TWIST
+from gdmp_ros.data import lasa
+from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import GdmpError
+from gdmp_ros.playback.player import Player
+from gdmp_ros.playback.settings import PlayerSettings
+from gdmp_ros.playback.states import Status
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.servo_arm import PositionLoop, ServoArm, ServoSettings
 from gdmp_ros.util.profiles import minimum_jerk
@@ -15,20 +20,24 @@ from gdmp_ros.util.profiles import minimum_jerk
 CYCLE = 0.002
 #: Whole delays, of servo, lag and interpolation, are 8 and 36 ms.
 FAST, SLOW = ServoSettings(delay=0.0055, lag=0.002), ServoSettings(delay=0.0335, lag=0.002)
+#: How far the goal of a letter moves [m].
+SWITCH = np.array([-0.06, 0.08, 0.0])
 #: Of the table, and how deep below its top the references go [m].
 TABLE_STIFFNESS, TABLE_DAMPING, DEPTH = 30_000.0, 20.0, 0.01
 
 
-def table_force(arm: Arm, top: float) -> tuple[float, np.ndarray]:
+def table_force(arm: Arm, top: float, stiffness: float = TABLE_STIFFNESS
+                ) -> tuple[float, np.ndarray]:
     """
     Force of a hard table on a tool, upwards [N], and the velocity of the tool [m/s].
 
     :param top: height of the table [m]
+    :param stiffness: of the table [N/m]
     """
     jacobian, site = np.zeros((3, arm.model.nv)), arm.data.site('tcp')
     mujoco.mj_jacSite(arm.model, arm.data, jacobian, None, site.id)
     velocity, deep = jacobian @ arm.data.qvel, float(top - site.xpos[2])
-    force = TABLE_STIFFNESS * deep - TABLE_DAMPING * float(velocity[2])
+    force = stiffness * deep - TABLE_DAMPING * float(velocity[2])
     return (max(force, 0.0) if deep > 0.0 else 0.0), velocity
 
 
@@ -37,6 +46,7 @@ class Trial:
     An arm, its controller, and what touches the tool.
 
     :ivar table: height of its top [m]; None without one
+    :ivar table_stiffness: [N/m]
     :ivar hand: force that pushes the tool [N]
     :ivar force: of the table on the tool [N]
     """
@@ -49,6 +59,7 @@ class Trial:
                                  AdmittanceSettings(**admittance))  # type: ignore[arg-type]
         self.servo, self.driver = self.loop.servo, self.loop.driver
         self.table: float | None = None
+        self.table_stiffness = TABLE_STIFFNESS
         self.hand, self.force = np.zeros(3), 0.0
         self._advance_servo, self.servo.advance = (  # type: ignore[method-assign]
             self.servo.advance, self._advance)
@@ -63,7 +74,7 @@ class Trial:
             arm, wrench = self.servo.arm, np.zeros(6)
             wrench[:3] = self.hand
             if self.table is not None:
-                self.force, _ = table_force(arm, self.table)
+                self.force, _ = table_force(arm, self.table, self.table_stiffness)
                 wrench[2] += self.force
             arm.push(wrench)
             self._advance_servo()
@@ -106,6 +117,52 @@ def circle(pose: np.ndarray, stiffness: float, seconds: float = 4.0, radius: flo
     references[:, ACCELERATION:ACCELERATION + 2] = np.gradient(
         references[:, TWIST:TWIST + 2], cycle, axis=0)
     return references
+
+
+def letter(home: np.ndarray, stiffness: float, cycle: float = CYCLE) -> np.ndarray:
+    """References of a handwritten letter whose goal is switched by 0.1 m on the way."""
+    skill = Skill.learn(lasa.robot_demonstrations('GShape')[0])
+    player, rows = Player(skill, PlayerSettings()), []
+    player.start(home.copy())
+    switched = False
+    while player.status is not Status.HOLDING:
+        row = np.array(player.tick(cycle))
+        row[STIFFNESS:STIFFNESS + 36] = np.diag([stiffness] * 3 + [30.0] * 3).ravel()
+        rows.append(row)
+        if not switched and player.rollout is not None and player.rollout.progress > 0.4:
+            player.go_to(np.concatenate([skill.goal[:3] + SWITCH, skill.goal[3:7]]))
+            switched = True
+    return np.array(rows)
+
+
+def push(trial: Trial, stiffness: float) -> float:
+    """Displacement of the tool by a hand of 20 N after 3 D/K, of that of a spring."""
+    home = trial.pose
+    trial.follow(resting(home, stiffness, 0.5))
+    trial.hand = np.array([0.0, 20.0, 0.0])
+    damping = DAMPING_SHARE * TABLE_STIFFNESS * trial.driver.delay
+    rows = trial.follow(resting(home, stiffness, 3.0 * damping / stiffness))
+    trial.hand = np.zeros(3)
+    return float((rows[-1, 1] - home[1]) * stiffness / 20.0)
+
+
+def given(trial: Trial, rng: np.random.Generator, changes: int = 6) -> float:
+    """
+    Largest energy that a pressed tool has given to its table beyond what the tank has paid [J].
+
+    The stiffness changes at random; the tank is not refilled.
+    """
+    tank, home = trial.loop.controller.tank, trial.pose
+    trial.table, last, out, before, most = float(home[2] - 0.001), home[2], 0.0, tank.energy, 0.0
+    down = resting(home, 300.0, 3.0)
+    down[:, POSE + 2] -= np.minimum(0.005 * CYCLE * np.arange(len(down)), DEPTH)
+    for part in range(changes):
+        references = down if part == 0 else resting(down[-1, :7], rng.uniform(100.0, 1500.0), 0.2)
+        for reference in references:
+            row = trial.follow(reference[None])[0]
+            out += row[7] * (last - row[2])
+            last, most = row[2], max(most, out - (before - tank.energy))
+    return float(most)
 
 
 def press(trial: Trial, stiffness: float, speed: float) -> np.ndarray:

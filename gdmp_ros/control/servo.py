@@ -22,7 +22,14 @@ from gdmp_ros.control.kinematics import Chain, place_links
 from gdmp_ros.control.measurement import JointLimits
 from gdmp_ros.control.memory import arm_view
 from gdmp_ros.control.weight import GRAVITY
-from gdmp_ros.kernels import kernel, local_matrix, local_numbers, local_zeros, records_at
+from gdmp_ros.kernels import (
+    inlined,
+    kernel,
+    local_matrix,
+    local_numbers,
+    local_zeros,
+    records_at,
+)
 from gdmp_ros.manifolds.linalg import copy_into, is_finite
 from gdmp_ros.manifolds.quaternion import multiply, rotate
 
@@ -215,6 +222,29 @@ def check(servo):
 
 
 @kernel
+def _remember(rows, newest, cycles):
+    """
+    Put a row before those of before.
+
+    :param rows: one for each cycle, the last one first
+    :param cycles: that have passed since the last one; rows between them are interpolated
+    """
+    cycles = min(cycles, len(rows) - 1)
+    for k in range(len(rows) - 1, cycles - 1, -1):
+        copy_into(rows[k - cycles], rows[k])
+    for k in range(cycles):
+        share = k / cycles
+        for i in range(newest.size):
+            rows[k, i] = (1.0 - share) * newest[i] + share * rows[cycles, i]
+
+
+@inlined
+def _cycles(scalars):
+    """Cycles since the last tick: more than one if this one is late."""
+    return max(int(scalars.dt / scalars.first_dt + 0.5), 1)
+
+
+@kernel
 def _estimate_delay(servo):
     """
     Estimate the time by which the arm is behind its commands, from how it follows them.
@@ -223,12 +253,12 @@ def _estimate_delay(servo):
     """
     s = records_at(servo.numbers, 0, 1, SCALARS)[0]
     past, errors, square = servo.past, servo.errors, 0.0
-    for k in range(len(past) - 1, 0, -1):
-        copy_into(past[k - 1], past[k])
-    for i in range(past.shape[1]):
+    valid = local_numbers(past.shape[1])
+    for i in range(valid.size):
         # The command that is valid now.
-        past[0, i] = servo.command[0, i] + s.dt * servo.command[1, i]
-        square += ((past[0, i] - past[1, i]) / s.dt) ** 2
+        valid[i] = servo.command[0, i] + s.dt * servo.command[1, i]
+        square += ((valid[i] - past[0, i]) / s.dt) ** 2
+    _remember(past, valid, _cycles(s))
     if not square > LEAST_SPEED ** 2:
         return  # at rest nothing is learned, and nothing forgotten
     lowest = 0
@@ -285,9 +315,9 @@ def feel(servo):
         return
     measured, carried = local_numbers(6), local_numbers(3)
     # The tool moves as its reference did a delay ago.
-    ago = min(max(int(s.delay / s.dt + 0.5), 1), len(servo.twists) - 1)
+    ago = min(max(int((s.delay - s.dt) / s.first_dt + 1.5), 1), len(servo.twists) - 1)
     for i in range(3):
-        carried[i] = -s.mass / s.dt * (servo.twists[ago - 1, i] - servo.twists[ago, i])
+        carried[i] = -s.mass / s.first_dt * (servo.twists[ago - 1, i] - servo.twists[ago, i])
     carried[2] -= s.mass * GRAVITY
     for i in range(6):
         measured[i] = servo.felt[i] - servo.bias[i]
@@ -337,18 +367,16 @@ def answer(servo, numbers, torque):
     :param torque: [Nm], shape (n,)
     """
     s, arm = records_at(servo.numbers, 0, 1, SCALARS)[0], arm_view(numbers)
-    n, twists, ahead = torque.size, servo.twists, servo.ahead
-    for k in range(len(twists) - 1, 0, -1):
-        copy_into(twists[k - 1], twists[k])
+    n, ahead = torque.size, servo.ahead
     for i in range(n):
         most = AHEAD_ACCELERATION * s.dt
         ahead[i] += min(max(arm.rates[i] - ahead[i], -most), most)
-    twist = local_zeros(6)
+    twist, sent = local_zeros(6), local_zeros(6)
     for k in range(6):
-        twists[0, k] = 0.0
         for i in range(n):
             twist[k] += arm.jacobian[k, i] * arm.rates[i]
-            twists[0, k] += arm.jacobian[k, i] * ahead[i]
+            sent[k] += arm.jacobian[k, i] * ahead[i]
+    _remember(servo.twists, sent, _cycles(s))
     driving, damping = local_numbers(n), local_numbers(2)
     for i in range(n):
         driving[i] = torque[i] - arm.bias[i]

@@ -600,8 +600,10 @@ class Columns:
                 names = [name for name in usable if self._labels[name].words[-1:] == ('pos',)
                          and not self._labels[name].axis and self._arrays[name].ndim == 1]
                 if len(names) < 2:
-                    names = next(([name] for name in usable if self._arrays[name].ndim == 2
-                                  and self._labels[name].says(labels.JOINT)), [])
+                    arrays = [name for name in usable if self._arrays[name].ndim == 2
+                              and self._labels[name].says(labels.JOINT)]
+                    arrays.sort(key=lambda name: self._labels[name].says(labels.GRIPPER))
+                    names = arrays[:1]
         fingers = [name for name in names if self._labels[name].says(labels.GRIPPER)]
         if len(names) > len(fingers) > 0 and 'joints' not in self._keys:
             self.notes.append(f'{", ".join(fingers)} is no joint of the arm: left out')

@@ -44,7 +44,8 @@ OTHERS = {'v', 'vel', 'velocity', 'twist', 'linear', 'angular', 'omega', 'f', 'f
           'goal', 'target', 'camera', 'cam', 'image', 'imu', 'gyro', 'mag', 'magnetometer',
           'jerk', 'cov', 'covariance', 'bias', 'b', 'g', 'cmd', 'command', 'commanded', 'desired',
           'des', 'ref', 'reference', 'error', 'err', 'std', 'speed', 'to', 'relative', 'object',
-          'delta', 'duration', 'elapsed', 'ft', 'marker', 'setpoint', 'planned', 'plan'}
+          'delta', 'duration', 'elapsed', 'ft', 'marker', 'setpoint', 'planned', 'plan', 'cos',
+          'sin', 'qvel', 'qacc'}
 _PREFIX = ('p|pos|position|t|tr|trans|q|quat|quaternion|r|rot|rotation|ori|orientation|euler|eul|'
            'rpy|rv|rvec|rotvec|w|xyz')
 _LETTERED = re.compile(rf'({_PREFIX}|[a-z])([xyzw])')

@@ -16,7 +16,7 @@ from gdmp_ros.control.settings import LimitSettings
 from gdmp_ros.data import runs
 from gdmp_ros.data.runs import Run, tracking
 from gdmp_ros.errors import GdmpError
-from gdmp_ros.realtime.statistics import Punctuality, punctuality_of
+from gdmp_ros.realtime.statistics import Punctuality, punctuality_of, skipped
 from gdmp_ros.ros.arm_choice import ArmChoice
 from gdmp_ros.ros.messages import CPU_TIME, IN_TIME, LOST
 from gdmp_ros.util.terminal import table
@@ -104,7 +104,7 @@ def _arm_ticks(folder: Path, timeline: Timeline, period_ns: int) -> dict[str, An
     ticks = window(folder, 'sim', timeline)
     figures = punctuality_of(ticks, period_ns)
     return {'count': figures.ticks, 'lost': figures.missed,
-            'lost_in_a_row': int((np.diff(ticks[:, 0]) // period_ns - 1).max(initial=0)),
+            'lost_in_a_row': int(skipped(ticks[:, 0], period_ns).max(initial=0)),
             'lost_share': figures.missed / max(figures.ticks + figures.missed, 1)}
 
 

@@ -38,9 +38,8 @@ def _multiply3(a, b, out):
         out[i + 2] = x * b2 + y * b5 + z * b8
 
 
-@kernel
+@always_inline
 def _multiply_rows(m, a, b, out):
-    noinline()
     for i in range(m):
         left, result = row_of(a, i, m), row_of(out, i, m)
         for j in range(m):
@@ -51,13 +50,23 @@ def _multiply_rows(m, a, b, out):
                 result[j] += share * right[j]
 
 
+@kernel
+def _multiply_any(m, a, b, out):
+    noinline()
+    # The size of a stiffness: with a constant LLVM unrolls the loops.
+    if m == 6:
+        _multiply_rows(6, a, b, out)
+    else:
+        _multiply_rows(m, a, b, out)
+
+
 @inlined
 def multiply(m, a, b, out):
     """``out = a b``; ``out`` must be neither ``a`` nor ``b``."""
     if m == 3:
         _multiply3(a, b, out)
     else:
-        _multiply_rows(m, a, b, out)
+        _multiply_any(m, a, b, out)
 
 
 @kernel

@@ -72,6 +72,11 @@ def semaphore_functions() -> np.ndarray:
     return addresses(ctypes.CDLL(None), 'sem_post', 'sem_clockwait')
 
 
+def post_address() -> int:
+    """Address of the function that posts the semaphore of which it gets the memory."""
+    return int(semaphore_functions()[_POST])
+
+
 def semaphore() -> np.ndarray:
     """Return the memory of a new semaphore, with nothing posted."""
     memory = np.zeros(_SEMAPHORE_SIZE // 8, dtype=np.int64)

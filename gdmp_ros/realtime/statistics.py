@@ -94,10 +94,16 @@ class LatenessRecorder:
         np.save(path, self.ticks_kept())
 
 
+def skipped(deadlines: np.ndarray, period_ns: int) -> np.ndarray:
+    """Deadlines without a tick between each two, shape ``(ticks - 1,)``."""
+    # Rounded: a loop may move its deadlines (`gdmp_ros.ros.arm.position_loop`).
+    return np.maximum((np.diff(deadlines) + period_ns // 2) // period_ns - 1, 0)
+
+
 def punctuality_of(ticks: np.ndarray, period_ns: int) -> Punctuality:
     """Figures of at least two ticks, as from `LatenessRecorder.ticks_kept`."""
     deadlines, late = ticks[:, 0], ticks[:, 1] * 1e-3
     p50, p99 = np.percentile(late, [50.0, 99.0])
-    missed = int((np.diff(deadlines) // period_ns - 1).clip(min=0).sum())
+    missed = int(skipped(deadlines, period_ns).sum())
     rate = (len(ticks) - 1) / ((deadlines[-1] - deadlines[0]) * 1e-9)
     return Punctuality(len(ticks), missed, float(rate), float(p50), float(p99), float(late.max()))

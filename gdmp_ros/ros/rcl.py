@@ -1,7 +1,7 @@
 """Messages that kernels take and send, by the addresses of the functions of rcl."""
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 import ctypes
 import functools
@@ -12,7 +12,13 @@ import numpy as np
 from gdmp_ros.errors import DataError
 from gdmp_ros.kernels import ask_c, bytes_at, inlined, kernel
 from gdmp_ros.realtime.loop import NS
-from gdmp_ros.realtime.native import addresses
+from gdmp_ros.realtime.native import (
+    addresses,
+    post_address,
+    semaphore,
+    semaphore_functions,
+    wait_for_post,
+)
 from gdmp_ros.ros.middleware import Publisher, Subscription
 from gdmp_ros.ros.serialized import SerializedTemplate
 
@@ -165,6 +171,47 @@ class Incoming:
         """Keep the subscription, and let the kernel know its address."""
         with self._subscription.in_use() as self.inlet.handle[0]:
             yield
+
+
+class Arrivals:
+    """
+    Lets a thread wait for messages on topics from which they are taken.
+
+    rcl tells of them within a ``with`` statement.
+    """
+
+    def __init__(self, subscriptions: Sequence[Subscription]):
+        """:param subscriptions: without callbacks, and with handles of rcl"""
+        self._subscriptions, self._memory = subscriptions, semaphore()
+        self._spec = np.zeros(2, dtype=np.int64)
+
+    def __enter__(self) -> Arrivals:
+        self._tell(post_address())
+        return self
+
+    def __exit__(self, *raised: object) -> None:
+        self._tell(0)
+
+    def _tell(self, function: int) -> None:
+        """Let rcl call a function when a message comes; 0: none."""
+        listen = ctypes.CDLL('librcl.so').rcl_subscription_set_on_new_message_callback
+        for subscription in self._subscriptions:
+            with subscription.in_use() as address:
+                listen(ctypes.c_void_p(address), ctypes.c_void_p(function),
+                       ctypes.c_void_p(self._memory.ctypes.data if function else 0))
+
+    def wait_until(self, deadline_ns: int) -> bool:
+        """
+        Wait until a message comes; messages that have come meanwhile count.
+
+        :param deadline_ns: steady time at which waiting ends
+        :returns: whether one has come
+        """
+        came = wait_for_post(semaphore_functions(), self._memory, self._spec, deadline_ns)
+        if came:
+            while wait_for_post(semaphore_functions(), self._memory, self._spec, 0):
+                pass
+        return bool(came)
 
 
 class Outlet(NamedTuple):

@@ -25,6 +25,7 @@ from gdmp_ros.control.servo import (
     take_state,
     write_measured,
 )
+from gdmp_ros.control.weight import GRAVITY
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.kernels import records_at
 from gdmp_ros.sim.arm import Arm
@@ -34,6 +35,9 @@ from gdmp_ros.sim.payload import Payload
 
 #: Time in which an arm comes to rest that has to stop [s].
 STOP_S = 0.15
+#: A smaller force on an arm that nothing touches is noise [N], and how much, in parts of the
+#: weight, one may differ that explains it.
+LEAST_FORCE, WEIGHT_SHARE = 3.0, 0.3
 
 
 class PositionDriver:
@@ -106,6 +110,22 @@ class PositionDriver:
     def wrench(self) -> np.ndarray:
         """External, at the tool, in the frame of the base [N, Nm]."""
         return self.servo.wrench
+
+    def weight_doubt(self) -> str:
+        """What is probably wrong with the weight at the sensor, of an arm that nothing touches."""
+        force, weight = self.wrench[:3], float(self.scalars.mass) * GRAVITY
+        if not self.scalars.senses or float(np.linalg.norm(force)) < LEAST_FORCE:
+            return ''
+        felt = f'{np.linalg.norm(force):.3g} N are felt beside the weight of the payload'
+        for share, why in (
+                (1.0, 'does the driver of the robot subtract this weight, too? Then set '
+                 'payload_mass to 0'),
+                (2.0, 'is the sign of the wrench wrong? It must be what acts on the sensor from '
+                 'the side of the tool')):
+            if np.linalg.norm(force - [0.0, 0.0, share * weight]) < WEIGHT_SHARE * weight:
+                return f'{felt}: {why}'
+        return (f'{felt}: does something touch the arm, or is the payload another one (gdmp arm '
+                'tool)? The arm gives way to this force')
 
     def begin(self) -> Measurement:
         state = self.link.read()

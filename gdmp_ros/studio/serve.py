@@ -152,7 +152,7 @@ def free_port(host: str, port: int) -> int:
             except OSError as error:
                 reason = f'{error.strerror}'
                 if error.errno != errno.EADDRINUSE:
-                    raise DataError(f'--host {host}, port {candidate}: {reason}') from None
+                    raise DataError(f'--address {host}, port {candidate}: {reason}') from None
     raise DataError(f'{host}:{port or PORT}: {reason}; choose another one with --port')
 
 

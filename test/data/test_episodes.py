@@ -12,8 +12,12 @@ from scipy.io import savemat
 from gdmp_ros import Demonstration, Euclidean, Skill
 from gdmp_ros.cli.main import main
 from gdmp_ros.data import episodes, foreign, lerobot, recordings, robomimic, tables
+from gdmp_ros.data.arm_joints import ArmJoints
 from gdmp_ros.data.foreign import Import
 from gdmp_ros.errors import DataError
+from gdmp_ros.manifolds.quaternion import pose_distance
+from gdmp_ros.sim.arm import Arm
+from gdmp_ros.sim.tip import from_model
 from test.commands import gdmp
 
 RATE_HZ = 50.0
@@ -241,6 +245,13 @@ def test_a_data_set_that_robomimic_has_written(tmp_path):
     np.testing.assert_allclose(np.diff(found.demonstration.times), 0.05)
     assert any('robot0_eef_quat_site' in note for note in found.notes)
     assert any('control_freq' in note for note in found.notes)
+    # The arm, not the fingers, whose array comes first.
+    tool = episodes.read(sources[1], Import(joints=ArmJoints(from_model('panda')))).demonstration
+    with h5py.File(path) as file:
+        joints = file['data/demo_2/obs/robot0_joint_pos'][()]
+    panda = Arm()
+    for point, posture in zip(tool.points, joints):
+        assert max(pose_distance(point, panda.pose_at(posture))) < 1e-7
     slower = episodes.read(sources[1], Import(rate_hz=10.0)).demonstration
     np.testing.assert_allclose(np.diff(slower.times), 0.1)
     assert gdmp('learn', path, '-o', 'skill.json', cwd=tmp_path).returncode == 0

@@ -13,6 +13,7 @@ import rclpy
 from rclpy.executors import Executor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode
+from std_msgs.msg import Float64MultiArray
 
 from gdmp_ros.control.arm_states import Request, State
 from gdmp_ros.control.joint_motion import PostureMotion
@@ -20,6 +21,7 @@ from gdmp_ros.control.joint_target import resting_joints
 from gdmp_ros.control.limits import LIMITS
 from gdmp_ros.control.modes import StreamMode
 from gdmp_ros.control.target import resting_target
+from gdmp_ros.realtime.loop import NS
 from gdmp_ros.realtime.native import ATTENTION
 from gdmp_ros.ros import dds
 from gdmp_ros.ros.arm import compiled_loop, simulated_arm
@@ -33,6 +35,7 @@ from gdmp_ros.ros.messages import (
     stamp_of,
 )
 from gdmp_ros.ros.middleware import DEEP, reliable
+from gdmp_ros.ros.rcl import Arrivals
 from gdmp_ros.ros.server import compiled_loop as compiled_server
 from gdmp_ros.ros.server.node import TrajectoryServer
 from test.processes.loop_bed import LoopBed
@@ -340,6 +343,44 @@ def test_a_motion_is_streamed_without_the_interpreter(server, monkeypatch):
     assert (steps > 0).all() and len(by_python) < len(found)
     assert {one.mode for one in found} == {int(StreamMode.STREAMING)}
     assert found[-1].pose.position.x != found[0].pose.position.x
+
+
+def test_a_message_wakes_the_thread_that_waits_for_it(server):
+    """It waits without a limit that a test could reach, and is not woken for what it has taken."""
+    node, references = server
+    with Arrivals([references]) as arrivals:
+        assert not arrivals.wait_until(0)
+        stream = node._references.streams[0]
+        for _ in range(3):
+            stream.publish(np.zeros(stream.template.layout()[1].size), 1, 1, 1)
+        taken = 0
+        while taken < 3:
+            assert arrivals.wait_until(node.clock.now() + 60 * NS)
+            while references.take() is not None:
+                taken += 1
+        assert not arrivals.wait_until(node.clock.now() + NS // 100)
+    stream.publish(np.zeros(stream.template.layout()[1].size), 1, 1, 1)
+    assert not arrivals.wait_until(node.clock.now() + NS // 10)
+
+
+def test_a_goal_is_used_when_it_comes(server):
+    """Where the robot is, is looked for far more rarely here."""
+    node, _ = server
+    node._period_ns = lambda: 10 * NS
+    looking, used = node._look_around(node._compiled), []
+    poll = node._poll
+    node._poll = lambda: used.append(0) or poll()
+    client = dds.Dds().client('goals')
+    sender = client.publisher(Float64MultiArray, '/trajectory_server/goal_stiffness', reliable(1))
+    while not sender.subscribers():
+        client.spin(0.01)
+    next(looking)
+    sender.publish(Float64MultiArray(data=[100.0] * 5))
+    while node.streamer.refusals.count == 0:
+        next(looking)
+    assert len(used) <= 2 and 'goal_stiffness' in node.streamer.refusals.last
+    looking.close()
+    client.close()
 
 
 def test_time_passes_while_the_interpreter_makes_no_tick(server):

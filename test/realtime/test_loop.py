@@ -57,6 +57,9 @@ def test_lateness_is_counted_and_summed_up():
     window = punctuality_of(np.array([[0, 0], [1000, 10], [4000, 20]]), 1000)
     assert window.missed == 2 and window.ticks == 3
     assert abs(window.rate_hz - 2 / 4e-6) < 1e-6
+    # Deadlines that a loop moves by a hundredth of a period.
+    window = punctuality_of(np.array([[0, 0], [990, 10], [2970, 20]]), 1000)
+    assert window.missed == 1
 
 
 def ended(clock, loop, priority=None):

@@ -1,4 +1,5 @@
 """An arm that takes joint positions gives way to what a sensor at its wrist measures; lockstep."""
+from dataclasses import replace
 import subprocess
 import sys
 
@@ -12,8 +13,11 @@ from experiments.position_trial import (
     CYCLE,
     DEPTH,
     FAST,
+    given,
+    letter,
     lost,
     press,
+    push,
     resting,
     SLOW,
     TABLE_STIFFNESS,
@@ -33,9 +37,12 @@ from gdmp_ros.sim.position_tick import plain_tick, view_of, write_arm
 from gdmp_ros.sim.servo_arm import ServoSettings
 from gdmp_ros.util.profiles import minimum_jerk
 
+#: Whole delays of two arms.
+DELAYS, IDS = [FAST, SLOW], ['8 ms', '36 ms']
+
 
 @pytest.mark.parametrize('stiffness', [300.0, 800.0])
-@pytest.mark.parametrize('settings', [FAST, SLOW], ids=['8 ms', '36 ms'])
+@pytest.mark.parametrize('settings', DELAYS, ids=IDS)
 @pytest.mark.parametrize('model', ['ur5e', 'xarm7'])
 def test_in_free_space_it_is_where_its_reference_is(model, settings, stiffness):
     trial = Trial(settings, model=model)
@@ -47,6 +54,37 @@ def test_in_free_space_it_is_where_its_reference_is(model, settings, stiffness):
     assert trial.driver.delay == pytest.approx(settings.delay + 0.0025, abs=1e-3)
     # What hangs at the sensor, 1 kg or 10 N, is no force of the world; the noise is 0.3 N.
     assert np.abs(rows[250:, 8:11]).max() < 1.5
+
+
+@pytest.mark.parametrize('stiffness', [300.0, 800.0])
+@pytest.mark.parametrize('settings', DELAYS, ids=IDS)
+def test_it_follows_a_letter_whose_goal_is_switched(settings, stiffness):
+    trial = Trial(settings)
+    references = letter(trial.pose, stiffness)
+    errors = np.linalg.norm(trial.follow(references)[:, :3] - references[:, :3], axis=1)
+    assert np.sqrt((errors ** 2).mean()) < 1e-3 and errors[-1] < 1e-3
+
+
+@pytest.mark.parametrize('settings', DELAYS, ids=IDS)
+def test_ticks_that_are_late_disturb_neither_delay_nor_wrench(settings, rng):
+    """A sixth of the ticks is made up to 8 ms late; then one tick passes the time of all."""
+    trial = Trial(settings)
+    loop, servo, driver = trial.loop, trial.servo, trial.driver
+    references, felt, errors, k = circle(trial.pose, 800.0), [], [], 0
+    while k < len(references):
+        cycles = int(rng.integers(2, 5)) if rng.random() < 1.0 / 6.0 else 1
+        k += cycles
+        driver.dt = cycles * CYCLE
+        loop.must_follow(references[min(k, len(references)) - 1])
+        measured = loop.wait()
+        loop.answer(measured)
+        servo.advance(round(CYCLE / servo.arm.period))
+        for _ in range(cycles - 1):  # nothing is sent meanwhile
+            servo.advance(round(CYCLE / servo.arm.period))
+        felt.append(np.linalg.norm(driver.wrench[:3]))
+        errors.append(np.linalg.norm(trial.pose[:3] - references[min(k, len(references)) - 1, :3]))
+    assert driver.delay == pytest.approx(settings.delay + 0.0025, abs=3e-3)
+    assert np.sqrt(np.mean(np.square(errors))) < 5e-3 and max(felt[200:]) < 8.0
 
 
 def test_a_compiled_tick_is_the_same():
@@ -133,6 +171,7 @@ def test_pressed_on_a_hard_table_it_stays_in_contact(settings, stiffness, speed,
     trial = Trial(settings, model=model)
     forces = press(trial, stiffness, speed)
     damping = DAMPING_SHARE * TABLE_STIFFNESS * trial.driver.delay
+    assert 1.5 < damping / (TABLE_STIFFNESS * (settings.delay + 0.0025)) < 2.2
     assert forces.max() < 1.4 * (stiffness * DEPTH + damping * speed)
     if settings is FAST and stiffness == 300.0:
         assert forces.max() < 35.0
@@ -140,6 +179,18 @@ def test_pressed_on_a_hard_table_it_stays_in_contact(settings, stiffness, speed,
     expected = stiffness * DEPTH * TABLE_STIFFNESS / (stiffness + TABLE_STIFFNESS)
     assert forces[-150:].mean() == pytest.approx(expected, rel=0.1)
     assert trial.loop.controller.tank.energy > 0.0
+
+
+@pytest.mark.parametrize(('settings', 'speed'), zip(DELAYS, [0.05, 0.01]), ids=IDS)
+@pytest.mark.parametrize('hard', [20_000.0, 35_000.0])
+def test_a_table_that_it_was_not_told_is_touched_as_well(settings, speed, hard):
+    """Told are 30 kN/m and 20 ms."""
+    trial = Trial(settings)
+    trial.table_stiffness = hard
+    forces = press(trial, 300.0, speed)
+    damping = DAMPING_SHARE * TABLE_STIFFNESS * trial.driver.delay
+    assert forces.max() < 1.4 * (300.0 * DEPTH + damping * speed) and lost(forces) == 0
+    assert forces[-150:].mean() == pytest.approx(300.0 * DEPTH * hard / (300.0 + hard), rel=0.1)
 
 
 def test_without_its_damping_it_would_chatter():
@@ -154,36 +205,29 @@ def test_without_its_damping_it_would_chatter():
     assert (forces[-500:] == 0.0).mean() > 0.2
 
 
-def test_a_hand_moves_it_by_its_force_over_the_stiffness():
-    trial, stiffness = Trial(FAST), 300.0
+@pytest.mark.parametrize('stiffness', [300.0, 800.0])
+@pytest.mark.parametrize('settings', DELAYS, ids=IDS)
+def test_a_hand_moves_it_by_its_force_over_the_stiffness(settings, stiffness):
+    trial = Trial(settings)
+    trial.follow(circle(trial.pose, stiffness)[:1000])  # its delay is measured
+    trial = Trial(settings, servo_delay=trial.driver.delay)
     home = trial.pose
-    trial.follow(resting(home, stiffness, 0.5))
-    trial.hand = np.array([0.0, 20.0, 0.0])
+    assert push(trial, stiffness) == pytest.approx(1.0, rel=0.1)
     damping = DAMPING_SHARE * TABLE_STIFFNESS * trial.driver.delay
-    rows = trial.follow(resting(home, stiffness, 3.0 * damping / stiffness))
-    assert rows[-1, 1] - home[1] == pytest.approx(20.0 / stiffness, rel=0.1)
-    trial.hand = np.zeros(3)
     rows = trial.follow(resting(home, stiffness, 4.0 * damping / stiffness))
     assert np.linalg.norm(rows[-1, :3] - home[:3]) < 2e-3
 
 
-@pytest.mark.parametrize('share', [DAMPING_SHARE, 0.0], ids=['calm', 'chattering'])
-def test_what_it_gives_to_the_world_comes_from_the_tank(rng, share):
+@pytest.mark.parametrize(('settings', 'share'), [
+    (FAST, DAMPING_SHARE), (SLOW, DAMPING_SHARE), (FAST, 0.0)],
+    ids=['8 ms', '36 ms', 'chattering'])
+def test_what_it_gives_to_the_world_comes_from_the_tank(rng, settings, share):
     """The book at the true port, where the arm is behind the virtual one."""
-    trial = Trial(FAST, TankSettings(recharge_power=0.0))
+    trial = Trial(settings, TankSettings(recharge_power=0.0))
     trial.driver.scalars.damping = share
-    tank, home = trial.loop.controller.tank, trial.pose
-    trial.table, last, given, before = home[2] - 0.001, home[2], 0.0, tank.energy
-    down = resting(home, 300.0, 3.0)
-    down[:, POSE + 2] -= np.minimum(0.005 * CYCLE * np.arange(len(down)), DEPTH)
-    for part in range(6):
-        references = down if part == 0 else resting(down[-1, :7], rng.uniform(100.0, 1500.0), 0.2)
-        for reference in references:
-            row = trial.follow([reference])[0]
-            given += row[7] * (last - row[2])
-            last = row[2]
-            # Chattering, the force changes much between two samples of it.
-            assert given < before - tank.energy + (0.01 if share else 0.03)
+    # Chattering, the force changes much between two samples of it.
+    assert given(trial, rng) < (0.01 if share else 0.03)
+    assert trial.loop.controller.tank.energy > -0.01
 
 
 class Broken:
@@ -208,6 +252,14 @@ def saturated(state):
     return state._replace(wrench=np.array([0.0, 0.0, 101.0, 0.0, 0.0, 0.0]))
 
 
+def twisted(state):
+    return state._replace(wrench=np.array([0.0, 0.0, 0.0, 10.1, 0.0, 0.0]))
+
+
+def nowhere(state):
+    return state._replace(position=state.position * np.nan)
+
+
 def silent(state):
     return state._replace(wrench_age=0.2)
 
@@ -223,10 +275,13 @@ def elsewhere(state):
 @pytest.mark.parametrize(('change', 'reason'), [
     (not_finite, 'the measured wrench is not finite'),
     (saturated, 'the sensor is saturated: 101 N, its range is 100 N'),
+    (twisted, 'the sensor is saturated: 10.1 Nm, its range is 10 Nm'),
+    (nowhere, 'the measured joints are not finite'),
     (silent, 'no measured wrench for 0.2 s'), (gone, 'no measured joints for 0.3 s'),
     (elsewhere, 'joint 3 is 0.2 rad from where its command leads')])
-def test_what_it_cannot_trust_stops_it_with_the_reason(change, reason):
-    trial = Trial(FAST)
+@pytest.mark.parametrize('settings', DELAYS, ids=IDS)
+def test_what_it_cannot_trust_stops_it_with_the_reason(settings, change, reason):
+    trial = Trial(settings)
     link = trial.driver.link = Broken(trial.servo)
     trial.follow(circle(trial.pose, 300.0)[:700])
     link.change, states = change, trial.loop.states
@@ -249,6 +304,31 @@ def test_a_delay_that_its_damping_is_not_made_for_stops_it():
     with pytest.raises(Exception, match='does not follow|FAULT|fault'):
         trial.follow(circle(trial.pose, 300.0))
     assert 'ms behind its commands, expected at most 50 ms' in trial.loop.states.reason
+
+
+@pytest.mark.parametrize(('payload', 'wrench', 'why'), [
+    (1.0, 1.0, 'set payload_mass to 0'), (1.0, -1.0, 'is the sign of the wrench wrong'),
+    (0.0, 1.0, 'is the payload another one'), (1.0, 0.0, '')])
+def test_a_weight_that_is_not_the_payload_is_told(payload, wrench, why):
+    """The driver subtracts it, too; the sensor has another sign; it was not told; all is well."""
+    trial = Trial(FAST)
+    driver, hand = trial.driver, trial.servo.hand
+    driver.carry(replace(hand, mass=payload * hand.mass))
+    read, weight = trial.servo.read, 9.81 * hand.mass
+
+    def changed():
+        state = read()
+        if wrench < 0.0:
+            return state._replace(wrench=-state.wrench)
+        taken = state.wrench.copy()
+        if payload and wrench:
+            taken[:3] *= 1.0 - weight / np.linalg.norm(taken[:3])
+            taken[3:] = 0.0
+        return state._replace(wrench=taken)
+    trial.servo.read = changed
+    driver.measure()
+    doubt = driver.weight_doubt()
+    assert why in doubt and bool(why) == bool(doubt)
 
 
 def test_without_a_sensor_it_follows_stiffly():

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from gdmp_ros.control.admittance import AdmittanceSettings
+from gdmp_ros.control.arm_states import State
 from gdmp_ros.control.joint_path import CALLED
 from gdmp_ros.control.measurement import Tick
 from gdmp_ros.control.plain_tick import is_event, OTHER
@@ -55,11 +56,12 @@ class PositionArm(ArmBackend):
     driver: PositionDriver
     link: TopicLink
     compiled: PositionArmLoop | None = None
+    _weighs = False
 
     def open(self) -> PositionDriver:
         node, p = self.node, self.node.parameters
         self.model = Arm(p.model, p.tool_site)
-        sensor = Arm(p.model, p.sensor_site).end_pose
+        sensor = Arm(p.model, p.sensor_site if p.wrench_topic else p.tool_site).end_pose
         self.link = TopicLink(node, list(self.model.names))
         if not p.wrench_topic:
             node.get_logger().warning(
@@ -95,6 +97,7 @@ class PositionArm(ArmBackend):
         self._period_ns = round(self.link.cycle * NS)
         self.node.lateness = LatenessRecorder(self._period_ns)
         self._last = 0
+        self._weighs = True
 
     def cycles(self) -> Loop:
         return (periodic(self._wall_tick, self._period_ns, self.node.clock)
@@ -174,6 +177,10 @@ class PositionArm(ArmBackend):
         if self.link.problem:
             self.node.get_logger().warning(self.link.problem, throttle_duration_sec=1.0)
             self.link.problem = ''
+        if self._weighs and self.node.control.states.state is State.HOLDING:
+            self._weighs, doubt = False, self.driver.weight_doubt()
+            if doubt:
+                self.node.get_logger().warning(doubt)
         return ''
 
     def diagnosed(self) -> dict[str, Any]:

@@ -28,12 +28,14 @@ class Heard(NamedTuple):
     :ivar wrench: that the sensor feels [N, Nm], shape (6,)
     :ivar arrived: when the joints came, wall time [ns], shape (1,)
     :ivar felt: the same of the wrench
+    :ivar runs: whether the arm takes commands, 0 or 1, shape (1,)
     """
 
     joints: np.ndarray
     wrench: np.ndarray
     arrived: np.ndarray
     felt: np.ndarray
+    runs: np.ndarray
 
 
 class _Joints(NamedTuple):
@@ -81,12 +83,12 @@ class TopicLink:
                         if p.running_topic else None)
         self._scaling = (node.add_sensor(Float64, p.speed_scaling_topic)
                          if p.speed_scaling_topic else None)
-        self._runs, self._known, self._speed = True, False, 1.0
+        self._known, self._speed = False, 1.0
         # What the last messages of the arm are like.
         self._joints_like: Alike | None = None
         self._wrench_like: Alike | None = None
         now = np.array([node.clock.wall()])
-        self.heard = Heard(np.zeros((2, len(names))), np.zeros(6), now, now.copy())
+        self.heard = Heard(np.zeros((2, len(names))), np.zeros(6), now, now.copy(), np.ones(1))
         order = [name for name in p.joint_names if name] or names
         if len(order) != len(names):
             raise DataError(f'joint_names has {len(order)} names, expected {len(names)}: '
@@ -112,7 +114,7 @@ class TopicLink:
         return ServoState(position, velocity,
                           None if self.wrenches is None else heard.wrench.copy(),
                           (now - int(heard.arrived[0])) / NS, (now - int(heard.felt[0])) / NS,
-                          self._runs)
+                          bool(heard.runs[0]))
 
     def take_joints(self, data: bytes, arrived: int) -> None:
         """Take a JointState; without velocities they are differences."""
@@ -146,7 +148,7 @@ class TopicLink:
         """Take a Bool."""
         said = None if self.running is None else self.running.message_of(data)
         if said is not None:
-            self._runs = said.data
+            self.heard.runs[0] = said.data
 
     def speed(self) -> float:
         """Share of its speed at which the arm executes commands, as it said last."""

@@ -101,6 +101,7 @@ def hear(functions, topics, heard, servo, now):
     if take_newest(functions, topics.running, now) == FOREIGN:
         return RUNNING
     s = records_at(servo.numbers, 0, 1, SCALARS)[0]
+    s.runs = heard.runs[0]
     s.age, s.wrench_age = 1e-9 * (now - heard.arrived[0]), 1e-9 * (now - heard.felt[0])
     for k in range(2):
         copy_into(heard.joints[k], servo.measured[k])

@@ -40,6 +40,7 @@ class GoalInput:
     A topic of which the newest goal counts; one in a frame that is not known yet waits for it.
 
     :ivar topic: its name, for messages
+    :ivar subscription: to it
     """
 
     def __init__(self, clock: Clock, subscription: Subscription, topic: str,
@@ -53,14 +54,14 @@ class GoalInput:
         :param refuse: called with the reason
         """
         self.topic = topic
-        self._clock, self._subscription = clock, subscription
+        self._clock, self.subscription = clock, subscription
         self._use, self._refuse = use, refuse
         self._waiting: tuple[bytes, float] | None = None
 
     def discard(self) -> None:
         """Discard the goals that have come."""
         self._waiting = None
-        self._subscription.discard()
+        self.subscription.discard()
 
     def poll(self, timeout: float) -> None:
         """
@@ -68,9 +69,9 @@ class GoalInput:
 
         :param timeout: for its frame [s]
         """
-        received, now = self._subscription.newest(), self._clock.now() / NS
+        received, now = self.subscription.newest(), self._clock.now() / NS
         if received is not None:
-            self._waiting = received.data, now - self._subscription.age(received)
+            self._waiting = received.data, now - self.subscription.age(received)
         if self._waiting is None:
             return
         data, arrived = self._waiting
@@ -110,6 +111,11 @@ class GoalTopics:
                                      (Float64MultiArray, 'goal_stiffness', self._use_stiffness),
                                      (Float64, 'amplitude', self._use_amplitude),
                                      (Float64, 'frequency', self._use_frequency))]
+
+    @property
+    def subscriptions(self) -> list[Subscription]:
+        """All of them."""
+        return [topic.subscription for topic in self._inputs]
 
     def discard(self) -> None:
         """Discard the messages that have come."""

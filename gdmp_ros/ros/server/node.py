@@ -34,6 +34,7 @@ from gdmp_ros.ros.frames import BaseFrame, FrameError
 from gdmp_ros.ros.lifecycle import CHECK_EVERY, ManagedNode
 from gdmp_ros.ros.middleware import CLOCK_DEPTH, reliable, Subscription
 from gdmp_ros.ros.parameters import Parameters, settings_from, Spec, specs_of
+from gdmp_ros.ros.rcl import Arrivals
 from gdmp_ros.ros.running import own_arguments, run
 from gdmp_ros.ros.scene.messages import scene_of
 from gdmp_ros.ros.scene.topics import SceneTopics
@@ -95,8 +96,8 @@ SPECS = (
 #: Largest step of the time; after a longer one the motion does not advance. Of /clock, and of the
 #: steady clock, which jumps when the process was stopped [s].
 CLOCK_JUMP_S, STALL_S = 0.01, 0.05
-#: Goals are polled once in this many ticks; a thread that looks around does so in these steps.
-POLL_EVERY, LOOK_TICKS = 20, 10
+#: Ticks between two looks at goals and objects.
+POLL_EVERY = 20
 
 
 def stream_settings(parameters: Any) -> StreamSettings:
@@ -281,20 +282,23 @@ class TrajectoryServer(ManagedNode):
             yield 0
 
     def _look_around(self, compiled: ServerLoop) -> Loop:
-        """Poll goals, and find out where the robot is, beside a loop that does not."""
-        turn = 0
-
-        def step(deadline_ns: int, now_ns: int) -> None:
-            nonlocal turn
-            turn += 1
-            if turn % (POLL_EVERY // LOOK_TICKS) == 0:
+        """Use goals that come, and find out where the robot is, beside a loop that does not."""
+        between, until_look = (every * self._period_ns() for every in (POLL_EVERY, READ_EVERY))
+        polled, look_at, looks = 0, self.clock.now(), 0
+        with Arrivals(self.goals.subscriptions) as arrivals:
+            while True:
+                # Each time a thread wakes up costs more than what it does then.
+                due = min(look_at, polled + between) if self.streamer.objects.names else look_at
+                # A flood of messages is not followed more often than objects.
+                yield polled + between if arrivals.wait_until(due) else 0
+                polled = self.clock.now()
                 self._poll()
-            if turn % (READ_EVERY // LOOK_TICKS) == 0:
+                if polled < look_at:
+                    continue
                 self.streamer.look()
-            if turn % (CHECK_EVERY // LOOK_TICKS) == 0:
-                compiled.look()
-        compiled.look()
-        return periodic(step, LOOK_TICKS * self._period_ns(), self.clock)
+                if looks % (CHECK_EVERY // READ_EVERY) == 0:
+                    compiled.look()
+                look_at, looks = max(look_at + until_look, polled), looks + 1
 
     def _wall_tick(self, deadline_ns: int, now_ns: int) -> None:
         self.streamer.lateness.add(deadline_ns, now_ns)
