@@ -14,36 +14,6 @@ NEAR_STEPS, NEAR_DAMPING = 20, 0.01
 
 
 @kernel
-def constant_velocity_acceleration(jacobian, velocity, acceleration):
-    """
-    Write J̇ q̇: the acceleration of the tool at constant joint velocities.
-
-    Joint k turns everything beyond it: the derivative of column i of the linear part is
-    ``z_k × j_i`` for k ≤ i, and ``z_i × j_k`` otherwise; that of axis i is ``z_k × z_i`` for
-    k < i, and 0 otherwise.
-
-    :param jacobian: linear over angular, shape ``(6, n)``
-    :param velocity: of the joints [rad/s]
-    :param acceleration: written [m/s², rad/s²], shape ``(6,)``
-    """
-    acceleration[:] = 0.0
-    n = velocity.size
-    for k in range(n):
-        x, y, z = jacobian[3, k], jacobian[4, k], jacobian[5, k]
-        for i in range(k, n):
-            # The pairs (k, i) and (i, k) give the same linear part.
-            rate = velocity[k] * velocity[i] * (1.0 if i == k else 2.0)
-            acceleration[0] += rate * (y * jacobian[2, i] - z * jacobian[1, i])
-            acceleration[1] += rate * (z * jacobian[0, i] - x * jacobian[2, i])
-            acceleration[2] += rate * (x * jacobian[1, i] - y * jacobian[0, i])
-            if i > k:
-                rate = velocity[k] * velocity[i]
-                acceleration[3] += rate * (y * jacobian[5, i] - z * jacobian[4, i])
-                acceleration[4] += rate * (z * jacobian[3, i] - x * jacobian[5, i])
-                acceleration[5] += rate * (x * jacobian[4, i] - y * jacobian[3, i])
-
-
-@kernel
 def chain_state(frames, axes, end, position, pose, jacobian):
     """
     Write the pose of the end of a chain of revolute joints, and its Jacobian.

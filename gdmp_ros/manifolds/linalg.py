@@ -230,9 +230,8 @@ def invert_lower(m, lower, out):
             out[i * m + j] = total / lower[i * m + i]
 
 
-@kernel
-def from_mandel(m, coordinates, scale, out):
-    """``scale`` times the symmetric matrix of Mandel coordinates (upper triangle, row by row)."""
+@always_inline
+def _from_mandel(m, coordinates, scale, out):
     k = 0
     for i in range(m):
         out[i * m + i] = scale * coordinates[k]
@@ -243,8 +242,17 @@ def from_mandel(m, coordinates, scale, out):
 
 
 @kernel
-def to_mandel(m, s, out):
-    """Mandel coordinates of a symmetric matrix (off-diagonals × √2)."""
+def from_mandel(m, coordinates, scale, out):
+    """``scale`` times the symmetric matrix of Mandel coordinates (upper triangle, row by row)."""
+    noinline()
+    if m == 6:
+        _from_mandel(6, coordinates, scale, out)
+    else:
+        _from_mandel(m, coordinates, scale, out)
+
+
+@always_inline
+def _to_mandel(m, s, out):
     k = 0
     for i in range(m):
         out[k] = s[i * m + i]
@@ -252,6 +260,16 @@ def to_mandel(m, s, out):
         for j in range(i + 1, m):
             out[k] = (s[i * m + j] + s[j * m + i]) * (0.5 * SQRT2)
             k += 1
+
+
+@kernel
+def to_mandel(m, s, out):
+    """Mandel coordinates of a symmetric matrix (off-diagonals × √2)."""
+    noinline()
+    if m == 6:
+        _to_mandel(6, s, out)
+    else:
+        _to_mandel(m, s, out)
 
 
 @kernel

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from gdmp_ros.kernels import always_inline, inlined, kernel, noinline
+from gdmp_ros.kernels import inlined, kernel, noinline
 from gdmp_ros.manifolds.linalg import copy_into, EPS, multiply, row_of, scratch, set_identity
 
 #: From this size on the reduction to a tridiagonal matrix is faster.
@@ -94,7 +94,7 @@ def _jacobi3(a, values, v):
     v[0], v[1], v[2], v[3], v[4], v[5], v[6], v[7], v[8] = v0, v1, v2, v3, v4, v5, v6, v7, v8
 
 
-@always_inline
+@kernel
 def _tridiagonalise(m, a, diagonal, beside, vectors, product):
     """
     Householder reflections: ``a = Vᵀ T V`` with V = ``vectors`` and T tridiagonal.
@@ -102,6 +102,7 @@ def _tridiagonalise(m, a, diagonal, beside, vectors, product):
     The reflections are kept in the rows of ``a`` beyond the diagonal, scaled to length √2, and
     accumulated in ``vectors`` at the end.
     """
+    noinline()
     for k in range(m - 2):
         mirror, size = a[k * m + k + 1:(k + 1) * m], m - k - 1
         total = 0.0
@@ -144,9 +145,10 @@ def _tridiagonalise(m, a, diagonal, beside, vectors, product):
                 row[j] -= total * mirror[j]
 
 
-@always_inline
+@kernel
 def _ql(m, diagonal, beside, vectors):
     """Diagonalise a tridiagonal matrix by implicit QL steps, rotating the rows of ``vectors``."""
+    noinline()
     for first in range(m):
         for _ in range(60):
             last = first
@@ -189,23 +191,6 @@ def _ql(m, diagonal, beside, vectors):
             beside[last] = 0.0
 
 
-@always_inline
-def _by_reduction(m, a, values, vectors, work):
-    beside = work[:m]
-    _tridiagonalise(m, a, values, beside, vectors, work[m:2 * m])
-    _ql(m, values, beside, vectors)
-
-
-@kernel
-def _eigen_from_4(m, a, values, vectors, work):
-    noinline()
-    # The size of a stiffness: with a constant LLVM unrolls the loops.
-    if m == 6:
-        _by_reduction(6, a, values, vectors, work)
-    else:
-        _by_reduction(m, a, values, vectors, work)
-
-
 @kernel
 def symmetric_eigen(m, a, values, vectors, work):
     """
@@ -214,7 +199,9 @@ def symmetric_eigen(m, a, values, vectors, work):
     :param work: scratch memory of at least ``2 m`` numbers
     """
     if m >= _QL_FROM:
-        _eigen_from_4(m, a, values, vectors, work)
+        beside = work[:m]
+        _tridiagonalise(m, a, values, beside, vectors, work[m:2 * m])
+        _ql(m, values, beside, vectors)
         return
     if m == 3:
         _jacobi3(a, values, vectors)
@@ -270,7 +257,8 @@ def symmetric_expm(m, s, out, inverse, work):
     """
     ``out = exp(s)`` and ``inverse = exp(-s)`` for symmetric ``s``.
 
-    A small ``s`` takes a short Taylor series: exp(±s) = cosh(s) ± s · sinhc(s), both even in s.
+    A small ``s`` takes a Taylor series: exp(±s) = cosh(s) ± s · sinhc(s), both even in s. Up to a
+    norm of 1 it is faster than the eigenvalues are, and loses a factor of e² in precision at most.
 
     :param work: scratch memory of at least ``4 m²`` numbers
     """
@@ -278,7 +266,7 @@ def symmetric_expm(m, s, out, inverse, work):
     norm2 = 0.0
     for i in range(m * m):
         norm2 += s[i] * s[i]
-    if norm2 > 0.01:
+    if norm2 > 1.0:
         _expm_by_eigenvalues(m, s, out, inverse, work)
         return
     # The remainder is smaller than the next term; ``terms`` counts pairs of even and odd powers.

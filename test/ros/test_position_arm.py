@@ -8,6 +8,7 @@ import pytest
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Float64, Float64MultiArray
 from std_srvs.srv import Trigger
+from trajectory_msgs.msg import JointTrajectory
 import yaml
 
 from gdmp_ros import Demonstration, Skill
@@ -102,7 +103,8 @@ def test_the_file_of_universal_robots_moves_an_arm_like_theirs(nodes, arc):
 
 @pytest.mark.parametrize('trajectory', [False, True], ids=['positions', 'trajectories'])
 def test_it_follows_a_skill(nodes, arc, trajectory):
-    robot = begin(nodes, arc, trajectory)
+    robot = begin(nodes, arc, trajectory, horizon=0.02)
+    sent = nodes.collect(JointTrajectory, '/joint_trajectory_controller/joint_trajectory')
     nodes.listen()
     nodes.client.execute()
     result = nodes.client.result(30.0)
@@ -112,6 +114,15 @@ def test_it_follows_a_skill(nodes, arc, trajectory):
     assert np.linalg.norm(robot.servo.arm.site_pose('tcp')[:3] - reference[:3]) < 1e-3
     assert reference[1] == pytest.approx(-0.0667, abs=1e-3)
     assert robot.commands > 1000
+    assert (len(sent) > 1000) == trajectory
+    for message in sent:
+        # As a joint_trajectory_controller takes a stream: it begins at once, with a velocity.
+        stamp, (point,) = message.header.stamp, message.points
+        assert (stamp.sec, stamp.nanosec) == (0, 0)
+        assert list(message.joint_names) == list(robot.servo.arm.names)
+        assert (point.time_from_start.sec, point.time_from_start.nanosec) == (0, 20_000_000)
+        assert len(point.positions) == len(point.velocities) == 6
+        assert not point.accelerations and not point.effort
 
 
 def test_a_hand_moves_it(nodes, arc):

@@ -3,7 +3,6 @@ import mujoco
 import numpy as np
 import pytest
 
-from gdmp_ros.control.kinematics import constant_velocity_acceleration
 from gdmp_ros.errors import ParameterError
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.frames import ToolTransform
@@ -22,21 +21,6 @@ def test_the_tool_is_where_mujoco_has_it(words, rng):
             found, wanted = arm.chain.pose_at(position, arm.end_pose), arm.pose_at(position)
             np.testing.assert_allclose(found[:3], wanted[:3], atol=1e-12)
             assert abs(found[3:] @ wanted[3:]) == pytest.approx(1.0, abs=1e-12)
-
-
-def test_the_acceleration_at_constant_velocity_is_the_derivative_of_the_twist(rng):
-    arm, step, acceleration = Arm(), 1e-6, np.empty(6)
-
-    def jacobian(position):
-        arm.data.qpos[:] = position
-        mujoco.mj_forward(arm.model, arm.data)
-        return arm.measure().jacobian.copy()
-    for _ in range(20):
-        position, velocity = arm.home + rng.uniform(-0.3, 0.3, 7), rng.uniform(-2.0, 2.0, 7)
-        constant_velocity_acceleration(jacobian(position), velocity, acceleration)
-        derivative = (jacobian(position + step * velocity)
-                      - jacobian(position - step * velocity)) @ velocity / (2.0 * step)
-        np.testing.assert_allclose(acceleration, derivative, atol=1e-6)
 
 
 def test_a_posture_is_found_near_another(rng):

@@ -100,15 +100,6 @@ CLOCK_JUMP_S, STALL_S = 0.01, 0.05
 POLL_EVERY = 20
 
 
-def stream_settings(parameters: Any) -> StreamSettings:
-    """
-    Settings of the streamer.
-
-    :raises ParameterError: if two of them contradict each other
-    """
-    return settings_from(parameters, StreamSettings)
-
-
 def kinematics(parameters: Any) -> tuple[Reach, PathChecker] | tuple[None, None]:
     """
     Inverse kinematics of the arm, and what checks paths with it; None without a model.
@@ -121,21 +112,6 @@ def kinematics(parameters: Any) -> tuple[Reach, PathChecker] | tuple[None, None]
     arm = Arm(model, tool)
     arm.put_tool(settings_from(parameters, ToolTransform, _TOOL))
     return Reach(arm, tool), PathChecker(arm, tool)
-
-
-def robot_settings(parameters: Any) -> RobotSettings:
-    """How far the robot may be from goal and path."""
-    return settings_from(parameters, RobotSettings)
-
-
-def player_settings(parameters: Any) -> PlayerSettings:
-    """Settings of the player."""
-    return settings_from(parameters, PlayerSettings)
-
-
-def object_settings(parameters: Any) -> ObjectSettings:
-    """Which task frames are looked up, and what is believed of them."""
-    return settings_from(parameters, ObjectSettings)
 
 
 class TrajectoryServer(ManagedNode):
@@ -172,10 +148,11 @@ class TrajectoryServer(ManagedNode):
         self.streamer = Streamer(
             self._period_ns(), MeasuredInputs(self.inputs.pose, self.inputs.joints,
                                               second.pose if second else None),
-            stream_settings(parameters), player_settings(parameters), robot_settings(parameters),
+            settings_from(parameters, StreamSettings), settings_from(parameters, PlayerSettings),
+            settings_from(parameters, RobotSettings),
             reach, GripperTopics(self, parameters.gripper),
             second.base if second else no_second_arm, ObjectsOnTf(self, self._base),
-            object_settings(parameters))
+            settings_from(parameters, ObjectSettings))
         if self.streamer.objects.names:
             self._base.listen()
         self.inputs.connect(self.streamer)
@@ -209,7 +186,7 @@ class TrajectoryServer(ManagedNode):
         self.add_report(self._publish_report)
         self.add_subscription(Context, '~/context', self._skills.use_context)
         self._add_services()
-        parameters.check = stream_settings
+        parameters.check = partial(settings_from, settings_class=StreamSettings)
         parameters.changed = self._use_parameters
         parameters.locked = True
 
@@ -427,9 +404,10 @@ class TrajectoryServer(ManagedNode):
         self._sequences.watch(state, motion)
 
     def _use_parameters(self) -> None:
-        parameters = self.parameters
-        self.streamer.configure(stream_settings(parameters), player_settings(parameters),
-                                robot_settings(parameters), object_settings(parameters))
+        p = self.parameters
+        self.streamer.configure(
+            settings_from(p, StreamSettings), settings_from(p, PlayerSettings),
+            settings_from(p, RobotSettings), settings_from(p, ObjectSettings))
         if self.streamer.objects.names:
             self._base.listen()
 
