@@ -222,20 +222,19 @@ def check(servo):
 
 
 @kernel
-def _remember(rows, newest, cycles):
+def remember(rows, newest, cycles):
     """
     Put a row before those of before.
 
     :param rows: one for each cycle, the last one first
     :param cycles: that have passed since the last one; rows between them are interpolated
     """
-    cycles = min(cycles, len(rows) - 1)
-    for k in range(len(rows) - 1, cycles - 1, -1):
-        copy_into(rows[k - cycles], rows[k])
-    for k in range(cycles):
-        share = k / cycles
-        for i in range(newest.size):
-            rows[k, i] = (1.0 - share) * newest[i] + share * rows[cycles, i]
+    for i in range(newest.size):
+        before = rows[0, i]
+        for k in range(len(rows) - 1, cycles - 1, -1):
+            rows[k, i] = rows[k - cycles, i]
+        for k in range(min(cycles, len(rows))):
+            rows[k, i] = newest[i] + k / cycles * (before - newest[i])
 
 
 @inlined
@@ -258,7 +257,7 @@ def _estimate_delay(servo):
         # The command that is valid now.
         valid[i] = servo.command[0, i] + s.dt * servo.command[1, i]
         square += ((valid[i] - past[0, i]) / s.dt) ** 2
-    _remember(past, valid, _cycles(s))
+    remember(past, valid, _cycles(s))
     if not square > LEAST_SPEED ** 2:
         return  # at rest nothing is learned, and nothing forgotten
     lowest = 0
@@ -376,7 +375,7 @@ def answer(servo, numbers, torque):
         for i in range(n):
             twist[k] += arm.jacobian[k, i] * arm.rates[i]
             sent[k] += arm.jacobian[k, i] * ahead[i]
-    _remember(servo.twists, sent, _cycles(s))
+    remember(servo.twists, sent, _cycles(s))
     driving, damping = local_numbers(n), local_numbers(2)
     for i in range(n):
         driving[i] = torque[i] - arm.bias[i]

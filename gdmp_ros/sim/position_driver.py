@@ -163,7 +163,8 @@ class PositionDriver:
     def stopped(self, code: int) -> ArmStopped:
         """Stop the arm, because `take_state` cannot use what was measured; returns why."""
         self._problem = problem_of(self.servo, code)
-        self._stopping = self.servo.virtual[1].copy(), STOP_S
+        # What was sent last goes on, and slows down: the virtual arm is where it will be later.
+        self._stopping = self.servo.command[1].copy(), STOP_S
         return ArmStopped(self._problem, True)
 
     def reported(self, tick: Tick) -> Tick:

@@ -27,7 +27,7 @@ from gdmp_ros.control.admittance import DAMPING_SHARE
 from gdmp_ros.control.arm_states import Request, State
 from gdmp_ros.control.joint_motion import PostureMotion
 from gdmp_ros.control.plain_tick import controller_of, MADE
-from gdmp_ros.control.servo import AHEAD_ACCELERATION, ServoState, write_measured
+from gdmp_ros.control.servo import AHEAD_ACCELERATION, remember, ServoState, write_measured
 from gdmp_ros.control.settings import TankSettings
 from gdmp_ros.control.surroundings import depths
 from gdmp_ros.control.target import POSE, resting_target
@@ -65,26 +65,32 @@ def test_it_follows_a_letter_whose_goal_is_switched(settings, stiffness):
     assert np.sqrt((errors ** 2).mean()) < 1e-3 and errors[-1] < 1e-3
 
 
+def test_a_late_tick_leaves_no_gap_in_what_is_remembered():
+    rows, time = np.zeros((9, 2)), 0
+    for cycles in (1, 1, 3, 1, 2, 4, 1, 1, 20, 1):
+        time += cycles
+        remember(rows, time * np.array([1.0, -2.0]), cycles)
+        wanted = np.maximum(time - np.arange(9), 0)
+        np.testing.assert_allclose(rows, wanted[:, None] * [1.0, -2.0], atol=1e-12)
+
+
 @pytest.mark.parametrize('settings', DELAYS, ids=IDS)
-def test_ticks_that_are_late_disturb_neither_delay_nor_wrench(settings, rng):
-    """A sixth of the ticks is made up to 8 ms late; then one tick passes the time of all."""
+def test_ticks_that_are_late_do_not_disturb_the_measured_delay(settings, rng):
+    """A sixth of the ticks is up to 8 ms late; then one tick passes the time of all."""
     trial = Trial(settings)
     loop, servo, driver = trial.loop, trial.servo, trial.driver
-    references, felt, errors, k = circle(trial.pose, 800.0), [], [], 0
+    references, errors, k = circle(trial.pose, 800.0, 16.0), [], 0
     while k < len(references):
         cycles = int(rng.integers(2, 5)) if rng.random() < 1.0 / 6.0 else 1
-        k += cycles
+        k = min(k + cycles, len(references))
         driver.dt = cycles * CYCLE
-        loop.must_follow(references[min(k, len(references)) - 1])
-        measured = loop.wait()
-        loop.answer(measured)
-        servo.advance(round(CYCLE / servo.arm.period))
-        for _ in range(cycles - 1):  # nothing is sent meanwhile
-            servo.advance(round(CYCLE / servo.arm.period))
-        felt.append(np.linalg.norm(driver.wrench[:3]))
-        errors.append(np.linalg.norm(trial.pose[:3] - references[min(k, len(references)) - 1, :3]))
-    assert driver.delay == pytest.approx(settings.delay + 0.0025, abs=3e-3)
-    assert np.sqrt(np.mean(np.square(errors))) < 5e-3 and max(felt[200:]) < 8.0
+        loop.must_follow(references[k - 1])
+        loop.answer(loop.wait())
+        servo.advance(cycles * round(CYCLE / servo.arm.period))
+        errors.append(np.linalg.norm(trial.pose[:3] - references[k - 1, :3]))
+    # The next command is due after a cycle: on average it has been there for longer.
+    assert driver.delay == pytest.approx(settings.delay + 0.0025, abs=2.5e-3)
+    assert np.sqrt(np.mean(np.square(errors))) < 1e-3
 
 
 def test_a_compiled_tick_is_the_same():
@@ -181,8 +187,8 @@ def test_pressed_on_a_hard_table_it_stays_in_contact(settings, stiffness, speed,
     assert trial.loop.controller.tank.energy > 0.0
 
 
-@pytest.mark.parametrize(('settings', 'speed'), zip(DELAYS, [0.05, 0.01]), ids=IDS)
-@pytest.mark.parametrize('hard', [20_000.0, 35_000.0])
+@pytest.mark.parametrize(('settings', 'speed', 'hard'), [
+    (FAST, 0.05, 20_000.0), (FAST, 0.05, 35_000.0), (SLOW, 0.01, 20_000.0)])
 def test_a_table_that_it_was_not_told_is_touched_as_well(settings, speed, hard):
     """Told are 30 kN/m and 20 ms."""
     trial = Trial(settings)
@@ -214,7 +220,7 @@ def test_a_hand_moves_it_by_its_force_over_the_stiffness(settings, stiffness):
     home = trial.pose
     assert push(trial, stiffness) == pytest.approx(1.0, rel=0.1)
     damping = DAMPING_SHARE * TABLE_STIFFNESS * trial.driver.delay
-    rows = trial.follow(resting(home, stiffness, 4.0 * damping / stiffness))
+    rows = trial.follow(resting(home, stiffness, 6.0 * damping / stiffness))
     assert np.linalg.norm(rows[-1, :3] - home[:3]) < 2e-3
 
 
@@ -325,6 +331,7 @@ def test_a_weight_that_is_not_the_payload_is_told(payload, wrench, why):
             taken[:3] *= 1.0 - weight / np.linalg.norm(taken[:3])
             taken[3:] = 0.0
         return state._replace(wrench=taken)
+    tick(trial.loop, 0.05)  # the sensor begins with the first period
     trial.servo.read = changed
     driver.measure()
     doubt = driver.weight_doubt()
