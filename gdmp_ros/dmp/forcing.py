@@ -23,8 +23,8 @@ from gdmp_ros.manifolds.factors import (
 )
 from gdmp_ros.manifolds.linalg import copy_numbers
 
-#: Basis functions below e^-40 of the largest are left out: they are smaller than rounding errors.
-_NEGLIGIBLE = 40.0
+#: Basis functions below e^-37 of the largest are left out: they are smaller than rounding errors.
+_NEGLIGIBLE = 37.0
 
 
 def basis(count: int, alpha_x: float) -> np.ndarray:

@@ -485,7 +485,9 @@ class Batch:
             rollout.use_memory(self._memory[end - size:end])
         states = np.array([rollout.state_size for rollout in self.rollouts])
         ends = np.cumsum(states)
-        self._parts = [slice(end - size, end) for end, size in zip(ends, states)]
+        # Plain integers: a slice of NumPy's takes longer.
+        self._parts = [(slice(end - size, end), rollout.skill.manifold) for rollout, end, size
+                       in zip(self.rollouts, ends.tolist(), states.tolist())]
         self._times = ends - states
         self._size = int(states.sum())
 
@@ -501,5 +503,4 @@ class Batch:
         out = np.empty(self._size)
         out[self._times] = dt
         advance(self._memory, out)
-        return [State(out[part], rollout.skill.manifold)
-                for part, rollout in zip(self._parts, self.rollouts)]
+        return [State(out[part], manifold) for part, manifold in self._parts]

@@ -245,7 +245,9 @@ def _from_mandel(m, coordinates, scale, out):
 def from_mandel(m, coordinates, scale, out):
     """``scale`` times the symmetric matrix of Mandel coordinates (upper triangle, row by row)."""
     noinline()
-    if m == 6:
+    if m == 3:
+        _from_mandel(3, coordinates, scale, out)
+    elif m == 6:
         _from_mandel(6, coordinates, scale, out)
     else:
         _from_mandel(m, coordinates, scale, out)
@@ -266,7 +268,9 @@ def _to_mandel(m, s, out):
 def to_mandel(m, s, out):
     """Mandel coordinates of a symmetric matrix (off-diagonals × √2)."""
     noinline()
-    if m == 6:
+    if m == 3:
+        _to_mandel(3, s, out)
+    elif m == 6:
         _to_mandel(6, s, out)
     else:
         _to_mandel(m, s, out)

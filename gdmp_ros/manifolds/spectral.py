@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from gdmp_ros.kernels import inlined, kernel, noinline
+from gdmp_ros.kernels import always_inline, inlined, kernel, noinline
 from gdmp_ros.manifolds.linalg import copy_into, EPS, multiply, row_of, scratch, set_identity
 
 #: From this size on the reduction to a tridiagonal matrix is faster.
@@ -211,10 +211,8 @@ def symmetric_eigen(m, a, values, vectors, work):
         values[i] = a[i * m + i]
 
 
-@kernel
-def compose_eigen(m, values, vectors, out):
-    """``out = Vᵀ diag(values) V``, exactly symmetric."""
-    noinline()
+@always_inline
+def _compose(m, values, vectors, out):
     for i in range(m * m):
         out[i] = 0.0
     for k in range(m):
@@ -226,6 +224,18 @@ def compose_eigen(m, values, vectors, out):
     for i in range(m):
         for j in range(i):
             out[j * m + i] = out[i * m + j]
+
+
+@kernel
+def compose_eigen(m, values, vectors, out):
+    """``out = Vᵀ diag(values) V``, exactly symmetric."""
+    noinline()
+    if m == 3:
+        _compose(3, values, vectors, out)
+    elif m == 6:
+        _compose(6, values, vectors, out)
+    else:
+        _compose(m, values, vectors, out)
 
 
 @kernel
@@ -252,23 +262,8 @@ def symmetric_logm(m, s, out, work):
     compose_eigen(m, values, vectors, out)
 
 
-@kernel
-def symmetric_expm(m, s, out, inverse, work):
-    """
-    ``out = exp(s)`` and ``inverse = exp(-s)`` for symmetric ``s``.
-
-    A small ``s`` takes a Taylor series: exp(±s) = cosh(s) ± s · sinhc(s), both even in s. Up to a
-    norm of 1 it is faster than the eigenvalues are, and loses a factor of e² in precision at most.
-
-    :param work: scratch memory of at least ``4 m²`` numbers
-    """
-    noinline()
-    norm2 = 0.0
-    for i in range(m * m):
-        norm2 += s[i] * s[i]
-    if norm2 > 1.0:
-        _expm_by_eigenvalues(m, s, out, inverse, work)
-        return
+@always_inline
+def _exp_series(m, s, norm2, out, inverse, work):
     # The remainder is smaller than the next term; ``terms`` counts pairs of even and odd powers.
     terms, term = 1, norm2
     while term > 0.25 * EPS:
@@ -300,6 +295,30 @@ def symmetric_expm(m, s, out, inverse, work):
     for i in range(m):
         out[i * m + i] += 1.0
         inverse[i * m + i] += 1.0
+
+
+@kernel
+def symmetric_expm(m, s, out, inverse, work):
+    """
+    ``out = exp(s)`` and ``inverse = exp(-s)`` for symmetric ``s``.
+
+    A small ``s`` takes a Taylor series: exp(±s) = cosh(s) ± s · sinhc(s), both even in s. Up to a
+    norm of 1 it is faster than the eigenvalues are, and loses a factor of e² in precision at most.
+
+    :param work: scratch memory of at least ``4 m²`` numbers
+    """
+    noinline()
+    norm2 = 0.0
+    for i in range(m * m):
+        norm2 += s[i] * s[i]
+    if norm2 > 1.0:
+        _expm_by_eigenvalues(m, s, out, inverse, work)
+    elif m == 3:
+        _exp_series(3, s, norm2, out, inverse, work)
+    elif m == 6:
+        _exp_series(6, s, norm2, out, inverse, work)
+    else:
+        _exp_series(m, s, norm2, out, inverse, work)
 
 
 @kernel

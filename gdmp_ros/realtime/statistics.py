@@ -97,7 +97,8 @@ class LatenessRecorder:
 def skipped(deadlines: np.ndarray, period_ns: int) -> np.ndarray:
     """Deadlines without a tick between each two, shape ``(ticks - 1,)``."""
     # Rounded: a loop may move its deadlines (`gdmp_ros.ros.arm.position_loop`).
-    return np.maximum((np.diff(deadlines) + period_ns // 2) // period_ns - 1, 0)
+    missed: np.ndarray = (np.diff(deadlines) + period_ns // 2) // period_ns - 1
+    return missed.clip(min=0)
 
 
 def punctuality_of(ticks: np.ndarray, period_ns: int) -> Punctuality:
