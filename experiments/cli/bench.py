@@ -16,7 +16,7 @@ stiffness    a stiffness that is streamed, beside a fixed one, on an arm that ta
 improve      improvement from the cost of roll-outs: two demonstrations of dmpbbo, and CMA-ES
 stream       the lateness of the nodes, compared with a bare loop (needs ROS)
 clouds       the CPU load of an arm that follows clouds of points (needs ROS)
-loop         the closed-loop simulation against real time, without ROS
+tick         a tick of the closed loop without ROS, compared with the simulation alone
 franka       a cycle of a Franka over its protocol, compared with a client that only reads
 all          everything, with pictures
 
