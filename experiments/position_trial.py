@@ -26,6 +26,12 @@ SWITCH = np.array([-0.06, 0.08, 0.0])
 TABLE_STIFFNESS, TABLE_DAMPING, DEPTH = 30_000.0, 20.0, 0.01
 
 
+def whole_delay(settings: ServoSettings) -> float:
+    """Time by which an arm is behind its commands: that of servo, lag and interpolation [s]."""
+    # It is measured at the end of a period of the simulation, and half a period is in the lag.
+    return settings.delay + settings.lag + settings.cycle - 1.5e-3
+
+
 def table_force(arm: Arm, top: float, stiffness: float = TABLE_STIFFNESS
                 ) -> tuple[float, np.ndarray]:
     """

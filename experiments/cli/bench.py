@@ -25,7 +25,7 @@ examples:
   python -m experiments bench accuracy --jobs 2 --resume accuracy.jsonl --json accuracy.json
   python -m experiments bench all --out out/bench
 
-The other libraries come with: pip install 'gdmp_ros[bench]'
+The other libraries come with: pip install '.[bench]' in the folder of gdmp_ros
 """
 from __future__ import annotations
 

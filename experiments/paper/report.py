@@ -25,7 +25,7 @@ from gdmp_ros.view import plots
 #: Experiments whose module has another name: ``baselines`` is the package of the methods.
 _MODULES = {'baselines': 'comparison'}
 #: Origin of modules that may be missing.
-_EXTRAS = {'mujoco': "pip install 'gdmp_ros[sim]'"}
+_EXTRAS = {'mujoco': "pip install '.[sim]' in the folder of gdmp_ros"}
 _PICTURES = {'.png': 'image/png', '.webp': 'image/webp'}
 
 

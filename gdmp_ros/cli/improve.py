@@ -20,7 +20,7 @@ examples:
   gdmp improve insertion -o inserts.json --backend dask 127.0.0.1:8786
   gdmp improve reach.py --skill skill.json -o better.json --robot --updates 3 --by 3 0.02
 
-The search cma and pages come with: pip install 'gdmp_ros[sim,improve,report]'
+The search cma and pages come with: pip install '.[sim,improve,report]' in the folder of gdmp_ros
 """
 from __future__ import annotations
 

@@ -49,6 +49,7 @@ SCALARS = np.dtype([(name, np.float64) for name in (
     'age', 'wrench_age',   # of what was measured [s]
     'runs', 'senses',      # flags: the arm takes commands; there is a sensor
     'delay',               # by which the arm is behind its commands [s]
+    'first_delay',         # the same before it was measured [s]
     'first_dt',            # time between two commands of `past` [s]
     'mass',                # that hangs at the sensor [kg]
     'damping',             # of the tool, in units of contact stiffness times delay
@@ -142,21 +143,27 @@ def servo_of(chain: Chain, joints: JointLimits, settings: AdmittanceSettings, cy
 
     :param cycle: time between two commands [s]
     """
-    n, lags = len(joints.torque), np.arange(math.ceil(settings.servo_delay_max / cycle) + 3)
+    n, count = len(joints.torque), math.ceil(settings.servo_delay_max / cycle) + 3
     measured, virtual, command = np.zeros((3, 2, n))
     servo = Servo(
         np.zeros(len(SCALARS.names or ())), measured, np.zeros(6), virtual, command,
-        np.zeros((len(lags), n)), FIRST_WEIGHT * (cycle * lags - settings.servo_delay) ** 2,
-        np.zeros(n), np.zeros((len(lags), 6)), chain.frames, chain.axes, np.zeros((3, 7)),
+        np.zeros((count, n)), _first_errors(count, cycle, settings.servo_delay),
+        np.zeros(n), np.zeros((count, 6)), chain.frames, chain.axes, np.zeros((3, 7)),
         np.array(settings.sensor_bias), np.zeros(3), np.array([joints.lower, joints.upper]),
         np.zeros(7), np.zeros(6))
     s = records_at(servo.numbers, 0, 1, SCALARS)[0]
     s.dt = s.first_dt = cycle
-    s.delay, s.delay_max = settings.servo_delay, settings.servo_delay_max
+    s.delay = s.first_delay = settings.servo_delay
+    s.delay_max = settings.servo_delay_max
     s.damping, s.contact_stiffness = DAMPING_SHARE, settings.contact_stiffness
     s.timeout, s.following_error = settings.measured_timeout, settings.following_error
     s.force_max, s.torque_max = settings.sensor_max
     return servo
+
+
+def _first_errors(count: int, cycle: float, delay: float) -> np.ndarray:
+    """`Servo.errors` before anything was measured."""
+    return np.asarray(FIRST_WEIGHT * (cycle * np.arange(count) - delay) ** 2)
 
 
 def write_measured(servo: Servo, state: ServoState) -> None:
@@ -169,7 +176,15 @@ def write_measured(servo: Servo, state: ServoState) -> None:
 
 
 def rest(servo: Servo) -> None:
-    """Put the virtual arm to rest where the arm is, and forget what it was told."""
+    """
+    Put the virtual arm to rest where the arm is, and forget what it was told.
+
+    A delay that is too long is forgotten, too: at rest it would stay.
+    """
+    s = records_at(servo.numbers, 0, 1, SCALARS)[0]
+    if s.delay > s.delay_max:
+        s.delay = s.first_delay
+        servo.errors[:] = _first_errors(len(servo.errors), s.first_dt, s.delay)
     servo.virtual[0], servo.virtual[1] = servo.measured[0], 0.0
     servo.command[:], servo.past[:] = servo.virtual, servo.measured[0]
     servo.ahead[:], servo.twists[:] = 0.0, 0.0

@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, ExitStack
 import ctypes
 import functools
 from typing import NamedTuple
@@ -177,7 +177,7 @@ class Arrivals:
     """
     Lets a thread wait for messages on topics from which they are taken.
 
-    rcl tells of them within a ``with`` statement.
+    Callbacks of rcl are registered within a ``with`` statement.
     """
 
     def __init__(self, subscriptions: Sequence[Subscription]):
@@ -186,19 +186,29 @@ class Arrivals:
         self._spec = np.zeros(2, dtype=np.int64)
 
     def __enter__(self) -> Arrivals:
-        self._tell(post_address())
+        with ExitStack() as stack:
+            for subscription in self._subscriptions:
+                self._register(subscription, post_address())
+                stack.callback(self._register, subscription, 0)
+            self._registered = stack.pop_all()
         return self
 
     def __exit__(self, *raised: object) -> None:
-        self._tell(0)
+        self._registered.close()
 
-    def _tell(self, function: int) -> None:
-        """Let rcl call a function when a message comes; 0: none."""
-        listen = ctypes.CDLL('librcl.so').rcl_subscription_set_on_new_message_callback
-        for subscription in self._subscriptions:
-            with subscription.in_use() as address:
-                listen(ctypes.c_void_p(address), ctypes.c_void_p(function),
-                       ctypes.c_void_p(self._memory.ctypes.data if function else 0))
+    def _register(self, subscription: Subscription, function: int) -> None:
+        """
+        Let rcl call a function when a message comes; 0: none.
+
+        :raises DataError: if the middleware cannot do so
+        """
+        with subscription.in_use() as address:
+            code = ctypes.CDLL('librcl.so').rcl_subscription_set_on_new_message_callback(
+                ctypes.c_void_p(address), ctypes.c_void_p(function),
+                ctypes.c_void_p(self._memory.ctypes.data if function else 0))
+        if code:
+            raise DataError(f'{subscription.topic}: this middleware does not tell when messages '
+                            f'come (code {code} of rcl)')
 
     def wait_until(self, deadline_ns: int) -> bool:
         """

@@ -14,7 +14,7 @@ _EXTRAS = {'psutil': 'faults', 'mujoco': 'sim'}
 
 def extra(name: str) -> str:
     """Origin of a package that an extra of this one installs."""
-    return f", it comes with pip install 'gdmp_ros[{name}]'"
+    return f", it comes with pip install '.[{name}]' in the folder of gdmp_ros"
 
 
 @contextmanager

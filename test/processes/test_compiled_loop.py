@@ -21,6 +21,7 @@ from gdmp_ros.control.joint_target import resting_joints
 from gdmp_ros.control.limits import LIMITS
 from gdmp_ros.control.modes import StreamMode
 from gdmp_ros.control.target import resting_target
+from gdmp_ros.playback.objects import ObjectSettings
 from gdmp_ros.realtime.loop import NS
 from gdmp_ros.realtime.native import ATTENTION
 from gdmp_ros.ros import dds
@@ -363,9 +364,11 @@ def test_a_message_wakes_the_thread_that_waits_for_it(server):
     assert not arrivals.wait_until(node.clock.now() + NS // 10)
 
 
-def test_a_goal_is_used_when_it_comes(server):
-    """Where the robot is, is looked for far more rarely here."""
+@pytest.mark.parametrize('objects', [[], ['box']])
+def test_a_goal_is_used_when_it_comes(server, objects):
+    """Where the robot is, and the object, is looked for far more rarely here."""
     node, _ = server
+    node.streamer.objects.settings = ObjectSettings(objects=objects)
     node._period_ns = lambda: 10 * NS
     looking, used = node._look_around(node._compiled), []
     poll = node._poll
@@ -377,7 +380,7 @@ def test_a_goal_is_used_when_it_comes(server):
     next(looking)
     sender.publish(Float64MultiArray(data=[100.0] * 5))
     while node.streamer.refusals.count == 0:
-        next(looking)
+        assert next(looking) <= node.clock.now()  # it does not sleep before it uses the goal
     assert len(used) <= 2 and 'goal_stiffness' in node.streamer.refusals.last
     looking.close()
     client.close()

@@ -22,13 +22,14 @@ from experiments.position_trial import (
     SLOW,
     TABLE_STIFFNESS,
     Trial,
+    whole_delay,
 )
 from gdmp_ros.control.admittance import DAMPING_SHARE
 from gdmp_ros.control.arm_states import Request, State
 from gdmp_ros.control.joint_motion import PostureMotion
 from gdmp_ros.control.plain_tick import controller_of, MADE
 from gdmp_ros.control.servo import AHEAD_ACCELERATION, remember, ServoState, write_measured
-from gdmp_ros.control.settings import TankSettings
+from gdmp_ros.control.settings import ControllerSettings, LimitSettings, TankSettings
 from gdmp_ros.control.surroundings import depths
 from gdmp_ros.control.target import POSE, resting_target
 from gdmp_ros.ros.messages import ROBOT_STATE_FIXED, robot_state_numbers
@@ -51,7 +52,7 @@ def test_in_free_space_it_is_where_its_reference_is(model, settings, stiffness):
     errors = np.linalg.norm(rows[:, :3] - references[:, :3], axis=1)
     assert np.sqrt((errors ** 2).mean()) < 1e-3
     # The whole delay is measured while it moves.
-    assert trial.driver.delay == pytest.approx(settings.delay + 0.0025, abs=1e-3)
+    assert trial.driver.delay == pytest.approx(whole_delay(settings), abs=1e-3)
     # What hangs at the sensor, 1 kg or 10 N, is no force of the world; the noise is 0.3 N.
     assert np.abs(rows[250:, 8:11]).max() < 1.5
 
@@ -89,7 +90,7 @@ def test_ticks_that_are_late_do_not_disturb_the_measured_delay(settings, rng):
         servo.advance(cycles * round(CYCLE / servo.arm.period))
         errors.append(np.linalg.norm(trial.pose[:3] - references[k - 1, :3]))
     # The next command is due after a cycle: on average it has been there for longer.
-    assert driver.delay == pytest.approx(settings.delay + 0.0025, abs=2.5e-3)
+    assert driver.delay == pytest.approx(whole_delay(settings), abs=2.5e-3)
     assert np.sqrt(np.mean(np.square(errors))) < 1e-3
 
 
@@ -177,7 +178,7 @@ def test_pressed_on_a_hard_table_it_stays_in_contact(settings, stiffness, speed,
     trial = Trial(settings, model=model)
     forces = press(trial, stiffness, speed)
     damping = DAMPING_SHARE * TABLE_STIFFNESS * trial.driver.delay
-    assert 1.5 < damping / (TABLE_STIFFNESS * (settings.delay + 0.0025)) < 2.2
+    assert 1.5 < damping / (TABLE_STIFFNESS * whole_delay(settings)) < 2.2
     assert forces.max() < 1.4 * (stiffness * DEPTH + damping * speed)
     if settings is FAST and stiffness == 300.0:
         assert forces.max() < 35.0
@@ -310,6 +311,10 @@ def test_a_delay_that_its_damping_is_not_made_for_stops_it():
     with pytest.raises(Exception, match='does not follow|FAULT|fault'):
         trial.follow(circle(trial.pose, 300.0))
     assert 'ms behind its commands, expected at most 50 ms' in trial.loop.states.reason
+    tick(trial.loop, 0.5)
+    trial.loop.do(Request.RECOVER)
+    tick(trial.loop, 0.5)
+    assert trial.loop.states.state is State.HOLDING
 
 
 @pytest.mark.parametrize(('payload', 'wrench', 'why'), [
@@ -382,6 +387,44 @@ def test_its_links_keep_away_from_what_is_around(settings):
             assert depths(arm.chain, arm.shape, trial.servo.read().position.copy(),
                           wall.packed()).max() < 0.0
     assert trial.loop.controller.blocked.startswith('wall (')
+
+
+@pytest.mark.parametrize('cycle', [0.004, 0.01], ids=['250 Hz', '100 Hz'])
+def test_it_follows_at_the_rate_of_its_controller(cycle):
+    settings = ServoSettings(delay=0.01, lag=0.002, cycle=cycle)
+    trial = Trial(settings)
+    references = circle(trial.pose, 800.0, cycle=cycle)
+    rows = trial.follow(references)
+    errors = np.linalg.norm(rows[:, :3] - references[:, :3], axis=1)
+    assert np.sqrt((errors ** 2).mean()) < 2e-3 and errors[-1] < 1e-3
+    assert trial.driver.delay == pytest.approx(whole_delay(settings), abs=2e-3)
+
+
+@pytest.mark.parametrize('settings', DELAYS, ids=IDS)
+def test_when_its_references_end_it_slows_down_and_holds(settings):
+    trial = Trial(settings)
+    trial.follow(circle(trial.pose, 800.0)[:1000])
+    places = []
+    for _ in range(round(1.0 / CYCLE)):
+        trial.loop.tick()
+        places.append(trial.pose[:3])
+    assert trial.loop.states.state is State.HOLDING
+    speed = np.linalg.norm(np.diff(places, axis=0), axis=1) / CYCLE
+    assert speed[0] > 0.1 and speed[-1] < 1e-3
+    assert np.abs(np.diff(speed)).max() / CYCLE < 5.0
+
+
+@pytest.mark.parametrize('settings', DELAYS, ids=IDS)
+def test_it_stays_within_its_workspace(settings):
+    trial = Trial(settings)
+    home, low = trial.pose, trial.pose[2] - 0.05
+    limits = replace(LimitSettings(), workspace_min=(-2.0, -2.0, low))
+    trial.loop.controller.configure(ControllerSettings(limits=limits))
+    references = resting(home, 800.0, 6.0)
+    references[:, POSE + 2] -= 0.15 * minimum_jerk(
+        np.clip(np.linspace(0.0, 2.0, len(references)), 0.0, 1.0))
+    rows = trial.follow(references)
+    assert rows[:, 2].min() > low - 2e-3 and rows[-1, 2] < low + 2e-3
 
 
 def test_it_does_what_other_arms_do():

@@ -67,7 +67,7 @@ def wall_clock(trial: FaultTrial, quick: bool) -> TrialResult:
     """The wall clock of the server's machine jumps by an hour and back in mid-motion"""
     outcome, library = TrialResult(), faketime_library()
     if library is None:
-        outcome.missing = "libfaketime is missing, it comes with pip install 'gdmp_ros[faults]'"
+        outcome.missing = "libfaketime is missing, it comes with pip install '.[faults]'"
         return outcome
     setting = trial.folder / 'time'
     write_text(setting, '+0')

@@ -30,6 +30,7 @@ from gdmp_ros.realtime.native import (
 )
 from gdmp_ros.ros.lifecycle import check_subscribers
 from gdmp_ros.ros.rcl import (
+    Arrivals,
     bytes_of,
     Outgoing,
     Outlet,
@@ -123,6 +124,7 @@ def warm_up() -> None:
     numbers, integers = np.zeros(NUMBERS, dtype=np.int64), np.zeros(1, dtype=np.int64)
     numbers[ATTENTION] = numbers[LEFT] = 1
     data, outlet = np.zeros(8, dtype=np.uint8), Outlet(*4 * [integers])
+    Arrivals(()).wait_until(0)
     run(numbers, clock_functions(), integers, integers,
         Links(integers, np.zeros(3, dtype=np.bool_), *3 * [outlet]), _NO_MOTION, data)
 

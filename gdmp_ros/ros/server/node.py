@@ -96,8 +96,10 @@ SPECS = (
 #: Largest step of the time; after a longer one the motion does not advance. Of /clock, and of the
 #: steady clock, which jumps when the process was stopped [s].
 CLOCK_JUMP_S, STALL_S = 0.01, 0.05
-#: Ticks between two looks at goals and objects.
+#: Least number of ticks between two uses of goals, and number between two looks at objects.
 POLL_EVERY = 20
+#: Time after which a thread that waits for messages looks whether it is to end [ns].
+LONGEST_WAIT_NS = 100_000_000
 
 
 def kinematics(parameters: Any) -> tuple[Reach, PathChecker] | tuple[None, None]:
@@ -201,6 +203,7 @@ class TrajectoryServer(ManagedNode):
             priority = self.parameters.realtime_priority
             running = self.streamer.member = self.clock.start(self._ticks(), priority)
             if self._compiled is not None:
+                self._compiled.look()
                 self.streamer.looking = self.clock.start(self._look_around(self._compiled),
                                                          priority_beside(priority))
             self.loop_began(running.scheduler)
@@ -261,14 +264,19 @@ class TrajectoryServer(ManagedNode):
     def _look_around(self, compiled: ServerLoop) -> Loop:
         """Use goals that come, and find out where the robot is, beside a loop that does not."""
         between, until_look = (every * self._period_ns() for every in (POLL_EVERY, READ_EVERY))
-        polled, look_at, looks = 0, self.clock.now(), 0
+        woken, polled, look_at, looks = 0, 0, self.clock.now(), 0
         with Arrivals(self.goals.subscriptions) as arrivals:
             while True:
-                # Each time a thread wakes up costs more than what it does then.
+                # A wake-up costs more than the work that is done in it.
                 due = min(look_at, polled + between) if self.streamer.objects.names else look_at
-                # A flood of messages is not followed more often than objects.
-                yield polled + between if arrivals.wait_until(due) else 0
+                came = arrivals.wait_until(min(due, self.clock.now() + LONGEST_WAIT_NS))
+                # Of a flood of messages one is used in so many ticks.
+                yield woken + between if came else 0
                 polled = self.clock.now()
+                if came:
+                    woken = polled
+                elif polled < due:
+                    continue
                 self._poll()
                 if polled < look_at:
                     continue
