@@ -112,7 +112,7 @@ def test_what_cannot_be_had_is_said(menagerie, tmp_path, monkeypatch):
     for name, said in (('menagerie:oven', "Unknown robot 'oven'"),
                        ('menagerie:franka_emika_panda/oven', "no entry point 'oven'"),
                        ('menagerie:franka_fr3', 'not found under MENAGERIE_ROOT'),
-                       ('robot_descriptions:panda_mj_description', r'gdmp_ros\[models\]'),
+                       ('robot_descriptions:panda_mj_description', r'\.\[models\]'),
                        (str(tmp_path / 'oven.xml'), 'there is no such file')):
         with pytest.raises(DataError, match=said):
             Arm(name)

@@ -141,7 +141,7 @@ def test_the_closed_loop_follows_in_every_repetition():
 
 def test_a_missing_peer_is_named_with_its_extra(monkeypatch):
     monkeypatch.setitem(sys.modules, 'movement_primitives.dmp', None)
-    with pytest.raises(DataError, match=r'gdmp_ros\[bench\]'):
+    with pytest.raises(DataError, match=r'\.\[bench\]'):
         peers.CartesianPeer(timing.demonstration(timing.POSE, 1.0, samples=50), 10)
 
 
