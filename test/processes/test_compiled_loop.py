@@ -386,6 +386,20 @@ def test_a_goal_is_used_when_it_comes(server, objects):
     client.close()
 
 
+def test_objects_are_looked_for_more_often_than_the_robot(server):
+    """Also where the ticks are rare: these last as long as 15 of the usual ones."""
+    node, _ = server
+    node.streamer.objects.settings = ObjectSettings(objects=['box'])
+    node._period_ns = lambda: NS // 66
+    looking, polls, looks = node._look_around(node._compiled), [], []
+    poll, look = node._poll, node.streamer.look
+    node._poll = lambda: polls.append(0) or poll()
+    node.streamer.look = lambda: looks.append(0) or look()
+    while len(polls) <= len(looks):
+        next(looking)
+    looking.close()
+
+
 def test_time_passes_while_the_interpreter_makes_no_tick(server):
     """What waits for the robot, and goals for later, count it."""
     node, _ = server

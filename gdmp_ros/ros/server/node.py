@@ -272,18 +272,19 @@ class TrajectoryServer(ManagedNode):
                 came = arrivals.wait_until(min(due, self.clock.now() + LONGEST_WAIT_NS))
                 # Of a flood of messages one is used in so many ticks.
                 yield woken + between if came else 0
-                polled = self.clock.now()
+                now = self.clock.now()
                 if came:
-                    woken = polled
-                elif polled < due:
+                    woken = now
+                elif now < due:
                     continue
+                polled = now
                 self._poll()
-                if polled < look_at:
+                if now < look_at:
                     continue
                 self.streamer.look()
                 if looks % (CHECK_EVERY // READ_EVERY) == 0:
                     compiled.look()
-                look_at, looks = max(look_at + until_look, polled), looks + 1
+                look_at, looks = max(look_at + until_look, now), looks + 1
 
     def _wall_tick(self, deadline_ns: int, now_ns: int) -> None:
         self.streamer.lateness.add(deadline_ns, now_ns)
