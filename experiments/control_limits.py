@@ -31,14 +31,11 @@ from gdmp_ros.control.settings import (
     LimitSettings,
     TankSettings,
 )
-from gdmp_ros.control.target import resting_target, STIFFNESS
+from gdmp_ros.control.target import resting_target
 from gdmp_ros.data import lasa
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import RefusedError
 from gdmp_ros.manifolds.quaternion import pose_distance, rotate_by_vector
-from gdmp_ros.playback.player import Player
-from gdmp_ros.playback.settings import PlayerSettings
-from gdmp_ros.playback.states import Status
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.closed_loop import ClosedLoop
 from gdmp_ros.sim.payload import Payload
@@ -485,11 +482,8 @@ FOREIGN = {'clean': PlantSettings(model='fr3', armature=0.1),
 
 def _off_letter(loop: ClosedLoop, skill: Skill, stiffness: float) -> float:
     """Root mean square distance of the tool from the references of a letter [m]."""
-    player, squares = Player(skill, PlayerSettings()), []
-    player.start(loop.arm.measure().pose.copy())
-    while player.status is not Status.HOLDING:
-        target = np.array(player.tick(DT))
-        target[STIFFNESS:STIFFNESS + 36] = diagonal(stiffness).ravel()
+    squares = []
+    for target in position_trial.played(skill, loop.arm.measure().pose, diagonal(stiffness), DT):
         loop.must_follow(target)
         away = loop.tick().measurement.pose[:3] - target[:3]
         squares.append(float(away @ away))
@@ -599,6 +593,7 @@ def position_arm(plant: str, rng: np.random.Generator, count: int) -> list[Found
             way = references(trial.pose, stiffness)
             errors = np.linalg.norm(trial.follow(way)[:, :3] - way[:, :3], axis=1)
             off = max(off, float(np.sqrt(np.mean(errors ** 2))))
+        # The delay of this one has been measured.
         pushed = max(pushed, abs(position_trial.push(trial, stiffness) - 1.0))
         for speed in speeds:
             trial = position_trial.Trial(settings)

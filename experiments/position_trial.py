@@ -20,8 +20,8 @@ from gdmp_ros.util.profiles import minimum_jerk
 CYCLE = 0.002
 #: Whole delays, of servo, lag and interpolation, are 8 and 36 ms.
 FAST, SLOW = ServoSettings(delay=0.0055, lag=0.002), ServoSettings(delay=0.0335, lag=0.002)
-#: How far the goal of a letter moves [m].
-SWITCH = np.array([-0.06, 0.08, 0.0])
+#: How far the goal of a letter moves [m], and from which progress on.
+SWITCH, SWITCH_AT = np.array([-0.06, 0.08, 0.0]), 0.4
 #: Of the table, and how deep below its top the references go [m].
 TABLE_STIFFNESS, TABLE_DAMPING, DEPTH = 30_000.0, 20.0, 0.01
 
@@ -102,11 +102,16 @@ class Trial:
         return np.array(rows)
 
 
+def soft(stiffness: float) -> np.ndarray:
+    """Stiffness of the tool: of the translation as given [N/m], of the rotation 30 Nm/rad."""
+    return np.diag([stiffness] * 3 + [30.0] * 3)
+
+
 def resting(pose: np.ndarray, stiffness: float, seconds: float, cycle: float = CYCLE
             ) -> np.ndarray:
     """References at rest; stiffness of the translation [N/m]."""
     references = np.array([resting_target(pose)] * round(seconds / cycle))
-    references[:, STIFFNESS:STIFFNESS + 36] = np.diag([stiffness] * 3 + [30.0] * 3).ravel()
+    references[:, STIFFNESS:STIFFNESS + 36] = soft(stiffness).ravel()
     return references
 
 
@@ -125,20 +130,31 @@ def circle(pose: np.ndarray, stiffness: float, seconds: float = 4.0, radius: flo
     return references
 
 
-def letter(home: np.ndarray, stiffness: float, cycle: float = CYCLE) -> np.ndarray:
-    """References of a handwritten letter whose goal is switched by 0.1 m on the way."""
-    skill = Skill.learn(lasa.robot_demonstrations('GShape')[0])
+def played(skill: Skill, home: np.ndarray, stiffness: np.ndarray, cycle: float,
+           switch: np.ndarray | None = None) -> np.ndarray:
+    """
+    References of a skill from ``home`` on.
+
+    :param stiffness: instead of that of the skill, shape ``(6, 6)``
+    :param switch: how far its goal moves on the way [m]; None: it stays
+    """
     player, rows = Player(skill, PlayerSettings()), []
     player.start(home.copy())
-    switched = False
     while player.status is not Status.HOLDING:
         row = np.array(player.tick(cycle))
-        row[STIFFNESS:STIFFNESS + 36] = np.diag([stiffness] * 3 + [30.0] * 3).ravel()
+        row[STIFFNESS:STIFFNESS + 36] = stiffness.ravel()
         rows.append(row)
-        if not switched and player.rollout is not None and player.rollout.progress > 0.4:
-            player.go_to(np.concatenate([skill.goal[:3] + SWITCH, skill.goal[3:7]]))
-            switched = True
+        if (switch is not None and player.rollout is not None
+                and player.rollout.progress > SWITCH_AT):
+            player.go_to(np.concatenate([skill.goal[:3] + switch, skill.goal[3:7]]))
+            switch = None
     return np.array(rows)
+
+
+def letter(home: np.ndarray, stiffness: float, cycle: float = CYCLE) -> np.ndarray:
+    """References of a handwritten letter whose goal is switched by 0.1 m on the way."""
+    return played(Skill.learn(lasa.robot_demonstrations('GShape')[0]), home, soft(stiffness),
+                  cycle, SWITCH)
 
 
 def push(trial: Trial, stiffness: float) -> float:

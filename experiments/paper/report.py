@@ -19,13 +19,12 @@ from experiments.paper.experiment import Data, IDS, Settings, Verdict
 from gdmp_ros import __version__
 from gdmp_ros.errors import DataError, GdmpError
 from gdmp_ros.util.files import write_archive, write_json, write_text
+from gdmp_ros.util.optional_imports import extra
 from gdmp_ros.util.terminal import table
 from gdmp_ros.view import plots
 
 #: Experiments whose module has another name: ``baselines`` is the package of the methods.
 _MODULES = {'baselines': 'comparison'}
-#: Origin of modules that may be missing.
-_EXTRAS = {'mujoco': "pip install '.[sim]' in the folder of gdmp_ros"}
 _PICTURES = {'.png': 'image/png', '.webp': 'image/webp'}
 
 
@@ -85,8 +84,9 @@ def _entry(name: str, settings: Settings) -> dict[str, Any]:
     try:
         return _one(name, experiment, settings)
     except ModuleNotFoundError as error:
-        extra = _EXTRAS.get((error.name or '').partition('.')[0], 'a ROS 2 Jazzy installation')
-        reason = f'{error.name} is missing, it comes with {extra}'
+        origin = (extra('sim') if (error.name or '').partition('.')[0] == 'mujoco'
+                  else ', it comes with a ROS 2 Jazzy installation')
+        reason = f'{error.name} is missing{origin}'
     except GdmpError as error:
         reason = str(error)
     except Exception as error:  # an error in one experiment does not stop the others

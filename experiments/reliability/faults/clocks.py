@@ -12,6 +12,7 @@ from gdmp_ros.data.bags import ns_of
 from gdmp_ros.ros import messages
 from gdmp_ros.ros.clients.testbed import ARM, SERVER
 from gdmp_ros.util.files import write_text
+from gdmp_ros.util.optional_imports import extra
 
 
 def simulated_clock(trial: FaultTrial, quick: bool) -> TrialResult:
@@ -67,7 +68,7 @@ def wall_clock(trial: FaultTrial, quick: bool) -> TrialResult:
     """The wall clock of the server's machine jumps by an hour and back in mid-motion"""
     outcome, library = TrialResult(), faketime_library()
     if library is None:
-        outcome.missing = "libfaketime is missing, it comes with pip install '.[faults]'"
+        outcome.missing = f"libfaketime is missing{extra('faults')}"
         return outcome
     setting = trial.folder / 'time'
     write_text(setting, '+0')

@@ -61,7 +61,7 @@ class PositionArm(ArmBackend):
     def open(self) -> PositionDriver:
         node, p = self.node, self.node.parameters
         self.model = Arm(p.model, p.tool_site)
-        sensor = Arm(p.model, p.sensor_site if p.wrench_topic else p.tool_site).end_pose
+        sensor = (Arm(p.model, p.sensor_site) if p.wrench_topic else self.model).end_pose
         self.link = TopicLink(node, list(self.model.names))
         if not p.wrench_topic:
             node.get_logger().warning(

@@ -270,7 +270,7 @@ class TrajectoryServer(ManagedNode):
                 # A wake-up costs more than the work that is done in it.
                 due = min(look_at, polled + between) if self.streamer.objects.names else look_at
                 came = arrivals.wait_until(min(due, self.clock.now() + LONGEST_WAIT_NS))
-                # Of a flood of messages one is used in so many ticks.
+                # In a flood of messages, one is used in each `POLL_EVERY` ticks.
                 yield woken + between if came else 0
                 now = self.clock.now()
                 if came:
