@@ -7,7 +7,7 @@ what keeps a joint in its range is the controller.
 """
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 import math
 from typing import Any, NamedTuple
@@ -23,7 +23,7 @@ from gdmp_ros.control.identification import FrictionIdentification
 from gdmp_ros.control.joint_motion import PostureMotion
 from gdmp_ros.control.own_body import clearances, KEEP
 from gdmp_ros.control.reference_check import Origin
-from gdmp_ros.control.servo import AHEAD_ACCELERATION
+from gdmp_ros.control.servo import AHEAD_ACCELERATION, ServoState
 from gdmp_ros.control.settings import (
     ControllerSettings,
     FrictionSettings,
@@ -619,23 +619,50 @@ def position_arm(plant: str, rng: np.random.Generator, count: int) -> list[Found
 #: Where no UR5e can be, or only by passing a singular posture: behind the base, out of reach,
 #: inside its own body [m].
 NOWHERE = ((-0.5, 0.1, 0.4), (1.3, 0.2, 0.4), (0.05, 0.05, 0.3))
+#: Straight above the base, where singular postures meet [m].
+ABOVE = (0.0, 0.1, 1.3)
+
+
+def _approach(loop: PositionLoop, home: np.ndarray, place: tuple[float, ...], ticks: int
+              ) -> Iterator[int]:
+    """Send the tool from home to a place in 3 s, and let it stay there; a number for each tick."""
+    target = resting_target(home, diagonal(800.0))
+    for k in range(ticks):
+        share = minimum_jerk(np.array([min(k / 1500.0, 1.0)]))
+        target[:3] = home[:3] + share * (np.array(place) - home[:3])
+        loop.must_follow(target)
+        loop.tick()
+        yield k
+
+
+def _goes_astray(loop: PositionLoop) -> bool:
+    """Whether an arm of which a joint is not where its command leads goes on, or says nothing."""
+    read, away = loop.servo.read, np.array([0.0, 0.0, 0.2, 0.0, 0.0, 0.0])
+
+    def read_wrongly() -> ServoState:
+        state = read()
+        return state._replace(position=state.position + away)
+    loop.servo.read = read_wrongly  # type: ignore[method-assign]
+    for _ in range(20):
+        loop.tick()
+    return not (loop.states.state is State.FAULT and 'joint 3' in loop.states.reason)
 
 
 def position_arm_limits(plant: str, rng: np.random.Generator, count: int) -> list[Found]:
     """An arm that takes positions, sent where it cannot be: its limits hold, and it comes home."""
-    servo = ServoArm('ur5e', position_trial.SLOW if PLANTS[plant] else position_trial.FAST)
-    loop = PositionLoop(servo, ControllerSettings(guard=ANYWHERE))
+    def new() -> PositionLoop:
+        return PositionLoop(
+            ServoArm('ur5e', position_trial.SLOW if PLANTS[plant] else position_trial.FAST),
+            ControllerSettings(guard=ANYWHERE))
+    loop = new()
+    servo = loop.servo
     arm, body, joints, limits = servo.arm, servo.arm.shape, loop.joints, LimitSettings()
     fastest, sent = joints.fastest(limits.joint_speed), loop.driver.servo.command
     beyond, fast, near, unnamed, lost = -math.inf, 0.0, math.inf, 0, 0
     home = arm.site_pose('tcp')
     for place in NOWHERE:
-        target, named = resting_target(home, diagonal(800.0)), False
-        for k in range(5000):
-            share = minimum_jerk(np.array([min(k / 1500.0, 1.0)]))
-            target[:3] = home[:3] + share * (np.array(place) - home[:3])
-            loop.must_follow(target)
-            loop.tick()
+        named = False
+        for k in _approach(loop, home, place, 5000):
             named = named or bool(loop.controller.blocked)
             beyond = max(beyond, float(np.maximum(joints.lower - sent[0],
                                                   sent[0] - joints.upper).max()))
@@ -651,7 +678,12 @@ def position_arm_limits(plant: str, rng: np.random.Generator, count: int) -> lis
                 break
         else:
             lost += 1
+    above = new()
+    names = {above.controller.blocked for _ in _approach(above, home, ABOVE, 3000)}
     return [Found('joint positions beyond their limits [rad]', beyond, 0.0),
+            Found('singular postures that are not named', 'a singularity' not in names, 0),
+            Found('following errors that do not stop it, naming the joint', _goes_astray(new()),
+                  0),
             # What is sent ahead of the arm comes on top.
             Found('joint speed, of the largest', fast,
                   1.0 + AHEAD_ACCELERATION * (loop.driver.delay + DELAY_S) / float(fastest.min())),
