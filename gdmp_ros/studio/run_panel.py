@@ -9,7 +9,7 @@ from gdmp_ros.dmp.sequence import GripperStep, HoldStep, MotionStep, SkillSequen
 from gdmp_ros.errors import DataError
 from gdmp_ros.studio.app import Studio
 from gdmp_ros.studio.robot import RobotView
-from gdmp_ros.studio.scene import LAYERS
+from gdmp_ros.studio.scene import HIDDEN_AT_FIRST, LAYERS
 
 #: Interval of the text [s].
 _TEXT_S = 0.2
@@ -113,7 +113,7 @@ class ViewPanel:
         self._studio, gui = studio, studio.server.gui
         gui.add_button('look at the motion').on_click(studio.later(studio.look))
         for name, (paint, meaning) in LAYERS.items():
-            box = gui.add_checkbox(f'show {name}', name != 'stiffness')
+            box = gui.add_checkbox(f'show {name}', name not in HIDDEN_AT_FIRST)
             box.on_update(studio.entered(partial(studio.scene.show, name)))
             swatch = '' if paint is None else (
                 f'<span style="color:rgb{paint}">■</span> ')

@@ -20,6 +20,8 @@ from gdmp_ros.view import style
 PHONE, COVERED = 576, 0.6
 #: Radius of a mark [m].
 _MARK = 0.008
+#: Diagonal of a path that is as large as its marks and handles suppose [m]; least of their scales.
+_USUAL, _LEAST_SCALE = 0.2, 0.1
 #: Thickness of lines [pixels].
 _LINE = 3.0
 _GHOST = (90, 140, 220)
@@ -119,6 +121,8 @@ LAYERS: dict[str, tuple[_Colour | None, str]] = {
     'stiffness': (colour(2), 'stiffness: long where the arm is stiff'),
     'run': (colour(5), 'what was sent, in a recorded run'),
     'past': (colour(0), 'where the tool has been')}
+#: Ellipsoids would hide the path.
+HIDDEN_AT_FIRST = frozenset({'stiffness', 'variation'})
 _OF_LAYER = {'sent': 'run', 'skill ': 'path', 'step ': 'path', 'take ': 'takes'}
 
 
@@ -143,8 +147,6 @@ class Scene:
         self._scene = server.scene
         self._scene.set_up_direction('+z')
         self._server = server
-        self.look(None)
-        server.on_client_connect(self._turn)
         self._scene.add_grid('/floor', 2.0, 2.0, cell_size=0.1, section_size=0.5, plane='xy')
         self._scene.add_frame('/base', axes_length=0.1, axes_radius=0.003)
         self.arm = ArmModel(self._scene, arm, '/arm')
@@ -152,17 +154,25 @@ class Scene:
         self.ghost.show(None)
         self._tool = self._scene.add_frame('/tool', axes_length=0.07, axes_radius=0.003,
                                            visible=False)
-        self._hidden: set[str] = {'stiffness'}
+        self._hidden = set(HIDDEN_AT_FIRST)
         self._lines: dict[str, Any] = {}
         self._batches: dict[str, Any] = {}
-        self._handles: dict[str, Any] = {}
+        self._handles: dict[str, tuple[Any, float]] = {}
         self._marks: dict[str, Any] = {}
         self._volumes: dict[str, Any] = {}
         self._notes: list[Any] = []
+        self.look(None)
+        server.on_client_connect(self._turn)
 
     def look(self, path: np.ndarray | None) -> None:
         """Look at a path: in browsers that come, and in those that are there; see `first_view`."""
         self._looked_at = path
+        size = _USUAL if path is None else float(np.linalg.norm(np.ptp(path, axis=0)))
+        self._scale = min(max(size / _USUAL, _LEAST_SCALE), 1.0)
+        for ball in self._marks.values():
+            ball.scale = self._scale
+        for handle, scale in self._handles.values():
+            handle.scale = scale * self._scale
         self._server.initial_camera.fov = np.radians(FIELD_OF_VIEW)
         _turn(self._server.initial_camera, first_view(path))
         for client in self._server.get_clients().values():
@@ -288,7 +298,8 @@ class Scene:
             return
         if known is None:
             ball = self._scene.add_icosphere(f'/marks/{name}', _MARK, (230, 120, 20),
-                                             subdivisions=2, cast_shadow=False)
+                                             subdivisions=2, cast_shadow=False,
+                                             scale=self._scale)
             self._scene.add_label(f'/marks/{name}/label', name, anchor='bottom-left')
             known = self._marks[name] = ball
             if clicked is not None:
@@ -314,21 +325,22 @@ class Scene:
         Put a handle that can be dragged to a pose; None removes it.
 
         :param moved: called with the pose while it is dragged, and whether it is released
+        :param scale: length of its arrows beside a path of usual size [m]
         :param turns: whether it can be turned too
         """
-        result = self._handles.get(name)
+        known = self._handles.get(name)
         if pose is None:
-            if result is not None:
-                result.remove()
+            if known is not None:
+                known[0].remove()
                 del self._handles[name]
             return
-        if result is not None:
-            result.position, result.wxyz = pose[:3], pose[3:]
+        if known is not None:
+            known[0].position, known[0].wxyz = pose[:3], pose[3:]
             return
         created = self._scene.add_transform_controls(
-            f'/handles/{name}', scale, disable_rotations=not turns, depth_test=False,
+            f'/handles/{name}', scale * self._scale, disable_rotations=not turns, depth_test=False,
             position=pose[:3], wxyz=pose[3:])
-        self._handles[name] = created
+        self._handles[name] = created, scale
         if moved is not None:
             # On the event loop: in a pool of threads events may overtake each other.
             async def event(update: viser.TransformControlsEvent) -> None:

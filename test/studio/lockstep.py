@@ -103,7 +103,7 @@ class LockstepPage:
 
     def position(self, name):
         """Of a handle in space [m]."""
-        return np.array(self.studio.scene._handles[name].position)
+        return np.array(self.studio.scene._handles[name][0].position)
 
     def drag(self, name, away, steps=10, held=0.0):
         """Drag a handle by a displacement [m], and hold it there [s]; select it first."""
@@ -118,7 +118,7 @@ class LockstepPage:
 
     def move(self, name, position, phase):
         """What the page's server does when a user drags a handle; no time passes."""
-        handle = self.studio.scene._handles[name]
+        handle = self.studio.scene._handles[name][0]
         target = SimpleNamespace(position=position, wxyz=np.array(handle.wxyz))
         handle._impl.position = position
         for callback in handle._impl_aux.update_cb:
