@@ -1,6 +1,7 @@
 """With plain rclpy: execute a skill on running nodes, and switch its goal on the way.
 
-In another terminal: gdmp up skill.json
+In another terminal: gdmp examples lasa GShape -o demos && gdmp learn demos/GShape_* -o skill.json
+&& gdmp up skill.json
 """
 import sys
 

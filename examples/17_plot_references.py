@@ -1,6 +1,7 @@
 """With plain rclpy: receive every reference at 1 kHz, and plot speed and stiffness.
 
-In another terminal: gdmp up skill.json
+In another terminal: gdmp examples lasa GShape -o demos && gdmp learn demos/GShape_* -o skill.json
+&& gdmp up skill.json
 """
 import sys
 import time

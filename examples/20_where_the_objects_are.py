@@ -1,4 +1,4 @@
-"""Taught once between two objects, executed where they are then, also while one of them moves."""
+"""A motion, taught once between two objects, is executed where they are, also when one moves."""
 import matplotlib.pyplot as plt
 import numpy as np
 

@@ -94,7 +94,7 @@ class LimitSettings:
         'the motor can do', 'Nm', 0.0, 50.0)
     joint_speed: float = setting(
         2.61, 'largest speed of any joint; the model may have less for some, as the built-in '
-        'Panda: 2.175 rad/s but for the wrist. Braking begins at 90 %', 'rad/s', 0.01, 20.0)
+        'Panda: 2.175 rad/s except for the wrist. Braking begins at 90 %', 'rad/s', 0.01, 20.0)
     joint_acceleration: float = setting(
         7.0, 'acceleration limit of each joint, for references of the joints', 'rad/s^2', 0.1,
         100.0)

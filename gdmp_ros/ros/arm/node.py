@@ -296,7 +296,7 @@ class ArmNode(ManagedNode):
         self._tell(scene)
 
     def _tell(self, scene: Scene) -> None:
-        """Tell what is around the arm, but for other arms: a motion is not led around these."""
+        """Tell what is around the arm, except other arms: a motion is not led around these."""
         told = Scene([volume for volume in scene if volume.name not in self._others],
                      scene.margin)
         key = told.margin, *((

@@ -24,7 +24,7 @@ struct Reference
 struct Limits
 {
   std::string frame{"panda_link0"};
-  double age{0.1};                    // older references, and newer ones, are refused [s]
+  double age{0.5};                    // older references, and newer ones, are refused [s]
   double step{0.05};                  // largest step between two references [m]
   double stiffness{5000.0};           // largest entry of the stiffness
 };
