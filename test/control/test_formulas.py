@@ -27,7 +27,14 @@ from gdmp_ros.control import (
     torque_limits,
 )
 from gdmp_ros.control.friction import friction_torque, rest_scale
-from gdmp_ros.control.limits import LIMITS
+from gdmp_ros.control.kinematics import chain_state
+from gdmp_ros.control.limits import (
+    JOINT_POSITION,
+    JOINT_SPEED,
+    LIMITS,
+    STIFFNESS_RATE,
+    TOOL_SPEED,
+)
 from gdmp_ros.control.memory import JOINT_SPRINGS, TOOL_SPRING
 from gdmp_ros.control.settings import (
     ControllerSettings,
@@ -42,12 +49,17 @@ from gdmp_ros.control.target import (
     STIFFNESS,
     TARGET_SIZE,
 )
+from gdmp_ros.control.target import (
+    TWIST as TARGET_TWIST,
+)
+from gdmp_ros.control.weight import is_weightless
 from gdmp_ros.manifolds import SymmetricPositiveDefinite
-from gdmp_ros.scene.volume import HALF, POSE, RADIUS, TWIST, VOLUME_SIZE
+from gdmp_ros.scene.volume import HALF, MARGIN, POSE, RADIUS, THERE, TWIST, VOLUME_SIZE
 from gdmp_ros.sim import Arm, ClosedLoop
 from gdmp_ros.util.settings import numbers as numbers_of
 
 DRAWS = 50
+TWIST_OF = slice(TARGET_TWIST, TARGET_TWIST + 6)
 
 
 def pose_of(rng):
@@ -143,6 +155,118 @@ def test_the_stiffness_of_a_joint_falls_only_as_fast_as_the_torque_may():
         assert fallen == pytest.approx(joint_spring.FALL_SHARE * 1000.0 * 1e-3)
 
 
+def test_one_joint_goes_where_it_can_be_in_a_tick_and_else_as_fast_as_it_may():
+    limits, violation = np.array([[-3.0], [3.0], [2.0], [0.0], [0.0]]), np.zeros(len(LIMITS))
+
+    def after(goal, desired, q=0.0, v=0.5):
+        return joint_spring._govern_joint(0, 1, np.array([q, v, 100.0, 1.0]),
+                                          np.array([goal, desired, 100.0, 1.0]), limits, 10.0,
+                                          1e-3, violation)
+    assert after(0.0005, 0.505) == (0.0005, 0.505)
+    # Its velocity would have to change by more than 10 rad/s² allow.
+    assert after(0.0005, 0.6) == pytest.approx((0.51e-3, 0.51))
+    assert after(1.0, 0.5) == pytest.approx((0.51e-3, 0.51))
+    assert after(-1.0, 0.5) == pytest.approx((0.49e-3, 0.49))
+    assert not violation.any()
+    assert after(3.5, 2.5, v=2.0) == pytest.approx((2e-3, 2.0))
+    assert violation[JOINT_POSITION] == pytest.approx(0.5) and violation[JOINT_SPEED] > 0.5
+
+
+@pytest.fixture
+def loop():
+    """An arm that has made a tick."""
+    made = ClosedLoop(Arm(), ControllerSettings())
+    made.tick()
+    return made
+
+
+def test_joints_that_move_away_draw_what_there_is(loop, rng):
+    numbers = loop.controller.numbers
+    arm, n = memory.parts(numbers), 7
+    for _ in range(DRAWS):
+        arm.joint_reference[:] = np.concatenate(
+            [arm.position + 0.05, np.full(n, 0.3), np.full(n, 500.0), [1.0]])
+        arm.joint_target[:] = arm.joint_reference
+        arm.joint_target[:n] += 0.3e-3
+        before = joint_spring.joint_energy(arm.position, arm.joint_reference)
+        moved = arm.joint_reference.copy()
+        moved[:n] += 0.3e-3
+        most = joint_spring.joint_energy(arm.position, moved) - before
+        budget = rng.uniform(0.0, 1.5) * most
+        drawn, stored = joint_spring.move_joint_reference(numbers, 1.0, budget)
+        assert drawn == pytest.approx(min(budget, most), rel=1e-3)
+        after = joint_spring.joint_energy(arm.position, arm.joint_reference)
+        assert stored == after and after - before == pytest.approx(drawn, abs=1e-12)
+        share = (arm.joint_reference[:n] - arm.position - 0.05) / 0.3e-3
+        np.testing.assert_allclose(share, min(budget / most, 1.0), rtol=2e-2)
+        np.testing.assert_allclose(arm.joint_reference[n:2 * n], 0.3 * share, rtol=1e-3)
+
+
+def test_a_stiffness_that_grows_uses_what_others_release():
+    error, old = np.array([0.1, 0.05, 0.0, 0.0, 0.0, 0.0]), np.diag(np.full(6, 100.0))
+    target, violation = np.diag([50.0, 400.0, 400.0, 100.0, 100.0, 100.0]), np.zeros(len(LIMITS))
+    target = target.reshape(-1)
+    missing = energy_budget._limit_modes(old.reshape(-1), target, error, math.log(2.0), 0.0,
+                                         violation)
+    # 0.25 J are released, an equal part for each of six modes; the second one needs 0.125 J.
+    part = 0.25 / 6.0
+    grown = 1.0 + min(part / 0.125, 1.0)
+    np.testing.assert_allclose(np.diag(target.reshape(6, 6)),
+                               [50.0, 100.0 * grown, 200.0, 100.0, 100.0, 100.0])
+    assert missing == pytest.approx(max(0.125 - part, 0.0))
+    assert violation[STIFFNESS_RATE] == pytest.approx(math.log(2.0))
+
+
+def test_a_stiffness_grows_by_what_may_be_drawn_also_beyond_the_bounds_of_its_force(rng):
+    gains, reached = numbers_of(ImpedanceGains()), 0
+    for _ in range(4 * DRAWS):
+        old, target = coupled(rng).reshape(-1), coupled(rng).reshape(-1)
+        error, numbers, wanted = 0.3 * rng.normal(size=6), np.empty(spring.SPRING_SIZE), target
+        budget = rng.uniform(0.0, 0.5)
+        spring.make_spring(old, gains, numbers)
+        before = spring.spring_energy(numbers, error)
+        target = wanted.copy()
+        drawn, missing = energy_budget._change_stiffness(old, target, error, gains, 10.0, budget,
+                                                         numbers, np.zeros(len(LIMITS)))
+        spring.make_spring(target, gains, numbers)
+        assert spring.spring_energy(numbers, error) - before == pytest.approx(drawn, abs=1e-9)
+        assert drawn <= budget + 1e-9 and missing >= 0.0
+        reached += abs(drawn - budget) < 1e-4
+        assert np.linalg.eigvalsh(target.reshape(6, 6)).min() > 0.0
+    assert reached > 10
+
+
+def test_a_reference_moves_as_far_as_there_is_energy(loop, rng):
+    numbers, spring_numbers = loop.controller.numbers, np.empty(spring.SPRING_SIZE)
+    arm, home, limited = memory.parts(numbers), loop.arm.home, 0
+    jacobian, pose = np.empty((6, 7)), np.empty(7)
+    for _ in range(DRAWS):
+        arm.governed[:] = home + 0.05 * rng.normal(size=7)
+        chain_state(*loop.arm.chain, arm.end, arm.governed, pose, jacobian)
+        arm.reference[:7] = pose
+        arm.governed_rate[:] = rng.normal(size=7)
+        arm.reference[TWIST_OF] = jacobian @ arm.governed_rate
+        spring.make_spring(arm.reference[STIFFNESS:STIFFNESS + 36], arm.gains, spring_numbers)
+        rate, twist = arm.governed_rate.copy(), arm.reference[TWIST_OF].copy()
+        before = energy_budget._energy(arm.pose, arm.reference, spring_numbers, np.empty(6))
+        most = energy_budget._energy_after(numbers, arm.scalars.dt, spring_numbers, np.empty(7),
+                                           np.empty(7), np.empty(6)) - before
+        drawn, missing = energy_budget._move_reference(numbers, spring_numbers, 0.4 * most)
+        if most > 0.0:
+            limited += 1
+            assert drawn == pytest.approx(0.4 * most, rel=1e-3)
+            assert missing == pytest.approx(0.6 * most)
+            share = arm.governed_rate[0] / rate[0]
+            assert 0.0 < share < 1.0
+            np.testing.assert_allclose(arm.governed_rate, share * rate)
+            np.testing.assert_allclose(arm.reference[TWIST_OF], share * twist)
+        chain_state(*loop.arm.chain, arm.end, arm.governed, pose, jacobian)
+        np.testing.assert_allclose(arm.reference[:7], pose, atol=1e-12)
+        after = energy_budget._energy(arm.pose, arm.reference, spring_numbers, np.empty(6))
+        assert after - before == pytest.approx(drawn, abs=1e-9)
+    assert limited > 10
+
+
 # Energy
 
 
@@ -231,6 +355,35 @@ def test_a_measured_wrench_is_moved_to_the_tool_without_its_load(rng):
         np.testing.assert_allclose(
             external[3:], moment + np.cross(sensor[:3] - tool[:3], force)
             - np.cross(load, carried), atol=1e-12)
+
+
+def test_what_drives_a_tool_that_is_too_fast_is_reduced_and_it_is_braked(rng):
+    largest = 0.5
+    slow = max(largest - impedance.SPEED_MARGIN, 0.5 * largest)
+    for _ in range(DRAWS):
+        jacobian, dq, force = rng.normal(size=(6, 7)), 0.1 * rng.normal(size=7), np.empty(6)
+        force[:] = 10.0 * rng.normal(size=6)
+        before, velocity = force.copy(), jacobian[:3] @ dq
+        excess = impedance._limit_tool_speed(jacobian, dq, largest, force)
+        speed = np.linalg.norm(velocity)
+        assert excess == pytest.approx(max(speed - slow, 0.0))
+        if excess == 0.0:
+            np.testing.assert_array_equal(force, before)
+            continue
+        way = velocity / speed
+        along = before[:3] @ way
+        left = along * max(1.0 - excess / (largest - slow), 0.0) if along > 0.0 else along
+        expected = before[:3] + (left - along - impedance.TOOL_BRAKE * excess) * way
+        np.testing.assert_allclose(force, [*expected, *before[3:]])
+
+
+def test_a_tool_that_the_joints_move_too_fast_is_reported(loop):
+    arm = memory.parts(loop.controller.numbers)
+    for rate, fast in ((0.01, False), (3.0, True)):
+        arm.velocity[:], arm.violation[:] = rate, 0.0
+        law._springs_at_joints(loop.controller.numbers, np.zeros(7),
+                               numbers_of(LimitSettings()).view(LIMIT_NUMBERS)[0])
+        assert (arm.violation[TOOL_SPEED] > 0.0) == fast
 
 
 def test_a_wall_pushes_as_a_spring_that_is_damped_on_the_way_out(rng):
@@ -358,6 +511,36 @@ def test_joints_go_to_the_posture_slowly_or_all_together(rng):
             speed / furthest * (posture - position), last - 1e-3 * most, last + 1e-3 * most))
 
 
+def test_joints_are_slowed_where_the_tool_would_be_too_fast(loop, rng):
+    numbers, settings = loop.controller.numbers, LimitSettings()
+    arm, home = memory.parts(numbers), loop.arm.home
+    jacobian, pose = np.empty((6, 7)), np.empty(7)
+    fastest = min(settings.speed, governor.TOOL_SPEED_SHARE * settings.tool_speed)
+    slowed = 0
+    for scale in (0.01, 0.3, 2.0, 4.0) * 5:
+        arm.joint_reference[:7], arm.joint_target[:7] = home, home + 1.0
+        asked = scale * rng.normal(size=7)
+        rates = asked.copy()
+        changed = governor.keep_joints_inside(numbers, asked, rates)
+        chain_state(*loop.arm.chain, arm.end, home, pose, jacobian)
+        speed = np.linalg.norm(jacobian[:3] @ asked)
+        share = min(1.0, fastest / speed)
+        assert changed == (share < 1.0)
+        np.testing.assert_allclose(rates, share * asked, atol=1e-9)
+        slowed += changed
+    assert 5 <= slowed < 20
+
+
+def test_the_share_of_the_way_follows_smoothly():
+    s = record(memory.SCALARS, dt=1e-3, permitted=1.0, allowed=0.5)
+    governor.hold_back_smoothly(s)
+    assert s['allowed'] == pytest.approx(0.5 + 1e-3 / governor.HELD_IN_S)
+    s['permitted'] = 0.0
+    for _ in range(2):
+        governor.hold_back_smoothly(s)
+    assert s['allowed'] == pytest.approx(0.5 - 1e-3 / governor.HELD_IN_S)
+
+
 def test_a_lag_is_closed_so_fast_that_it_can_stop(rng):
     for distance in (0.001, 0.02, 0.5):
         lag, before = rng.normal(size=3), rng.normal(size=3)
@@ -413,6 +596,65 @@ def test_volumes_that_are_left_out_are_far(rng):
         assert not (is_far and between < distance)
         if size == 0.0:
             assert is_far == (distance < between)
+
+
+@pytest.mark.parametrize('axis', [0, 1, 2])
+def test_a_fast_volume_has_rows_from_further_away(axis, loop):
+    """From as far as it comes in the time in which an arm slows down."""
+    arm, shape = loop.arm, loop.arm.shape
+    chain = arm.chain
+    rows, bounds, ids = (np.zeros((surroundings.MOST_ROWS, 7)),
+                         *np.zeros((2, surroundings.MOST_ROWS)))
+    volumes = np.zeros((1, VOLUME_SIZE))
+    volume = volumes[0]
+    volume[POSE + 3], volume[RADIUS], volume[MARGIN], volume[THERE] = 1.0, 0.05, 0.02, 1.0
+    hand = own_body.placed(chain, shape, arm.home)[-1, :3]
+    volume[POSE:POSE + 3] = hand
+    volume[POSE + axis] -= 0.9
+
+    def shared(speed):
+        volume[TWIST + axis] = speed
+        return surroundings.surroundings_rows(
+            *chain, arm.home, shape.capsules, volumes, 0.0, 6.5, 0.5, 0.0, 0, rows, bounds, ids,
+            0)
+    assert shared(0.0)[:2] == (0, 1.0)
+    count, share, _, _ = shared(20.0)
+    assert count > 0 and share < 1.0
+
+
+def test_the_end_of_a_link_that_is_the_nearest_point_has_one_row(loop):
+    arm, shape = loop.arm, loop.arm.shape
+    m, seen = len(shape.capsules), set()
+    placed = own_body.placed(arm.chain, shape, arm.home)
+    for c in range(m):
+        rows, bounds, ids = (np.zeros((surroundings.MOST_ROWS, 7)),
+                             *np.zeros((2, surroundings.MOST_ROWS)))
+        first, second, radius = placed[c, :3], placed[c, 3:6], placed[c, 6]
+        length = np.linalg.norm(second - first)
+        if shape.capsules[c, 0] == 0.0 or length < 0.05:
+            continue
+        for t, places in ((0.0, 2), (1.0, 2), (0.5, 3)):
+            volumes = np.zeros((1, VOLUME_SIZE))
+            volume = volumes[0]
+            way = np.cross(second - first, [0.3, 0.5, 0.8])
+            way /= np.linalg.norm(way)
+            volume[POSE:POSE + 3] = first + t * (second - first) + (radius + 0.1) * way
+            volume[POSE + 3], volume[RADIUS], volume[THERE] = 1.0, 0.01, 1.0
+            volume[MARGIN] = 0.02
+            count, *_ = surroundings.surroundings_rows(
+                *arm.chain, arm.home, shape.capsules[c:c + 1], volumes, 0.0, 0.5, 10.0, 0.0, 0,
+                rows, bounds, ids, 0)
+            assert count == places
+            seen.add(t)
+    assert len(seen) == 3
+
+
+def test_no_weight_is_none_at_any_joint():
+    for place in np.ndindex(3, 3):
+        moments = np.zeros((3, 3))
+        assert is_weightless(moments)
+        moments[place] = 0.1
+        assert not is_weightless(moments)
 
 
 def test_a_volume_comes_nearer_by_its_twist(rng):
