@@ -29,6 +29,7 @@ from gdmp_ros.control import (
 from gdmp_ros.control.friction import friction_torque, rest_scale
 from gdmp_ros.control.kinematics import chain_state
 from gdmp_ros.control.limits import (
+    ENERGY,
     JOINT_POSITION,
     JOINT_SPEED,
     LIMITS,
@@ -46,6 +47,7 @@ from gdmp_ros.control.settings import (
 from gdmp_ros.control.target import (
     ACCELERATION,
     DAMPING_RATIO,
+    resting_target,
     STIFFNESS,
     TARGET_SIZE,
 )
@@ -144,6 +146,7 @@ def test_the_stiffness_of_a_joint_grows_as_far_as_there_is_energy(error):
         drawn = energy_of_joint(reference[0], error) - energy_of_joint(100.0, error)
         most = energy_of_joint(150.0, error) - energy_of_joint(100.0, error)
         assert drawn == pytest.approx(min(budget, most), abs=1e-12)
+        assert violation[ENERGY] == pytest.approx(max(most - budget, 0.0), abs=1e-12)
 
 
 def test_the_stiffness_of_a_joint_falls_only_as_fast_as_the_torque_may():
@@ -163,6 +166,7 @@ def test_one_joint_goes_where_it_can_be_in_a_tick_and_else_as_fast_as_it_may():
                                           np.array([goal, desired, 100.0, 1.0]), limits, 10.0,
                                           1e-3, violation)
     assert after(0.0005, 0.505) == (0.0005, 0.505)
+    assert after(1.0005, 0.505, q=1.0) == (1.0005, 0.505)
     # Its velocity would have to change by more than 10 rad/s² allow.
     assert after(0.0005, 0.6) == pytest.approx((0.51e-3, 0.51))
     assert after(1.0, 0.5) == pytest.approx((0.51e-3, 0.51))
@@ -170,6 +174,9 @@ def test_one_joint_goes_where_it_can_be_in_a_tick_and_else_as_fast_as_it_may():
     assert not violation.any()
     assert after(3.5, 2.5, v=2.0) == pytest.approx((2e-3, 2.0))
     assert violation[JOINT_POSITION] == pytest.approx(0.5) and violation[JOINT_SPEED] > 0.5
+    violation[:] = 0.0
+    after(-3.2, 0.0)
+    assert violation[JOINT_POSITION] == pytest.approx(0.2)
 
 
 @pytest.fixture
@@ -200,6 +207,25 @@ def test_joints_that_move_away_draw_what_there_is(loop, rng):
         share = (arm.joint_reference[:n] - arm.position - 0.05) / 0.3e-3
         np.testing.assert_allclose(share, min(budget / most, 1.0), rtol=2e-2)
         np.testing.assert_allclose(arm.joint_reference[n:2 * n], 0.3 * share, rtol=1e-3)
+        assert arm.violation[ENERGY] == pytest.approx(max(most - budget, 0.0), rel=1e-3, abs=1e-9)
+        arm.violation[:] = 0.0
+
+
+def test_the_stiffness_of_joints_grows_with_what_a_motion_leaves(loop):
+    numbers = loop.controller.numbers
+    arm, n = memory.parts(numbers), 7
+    for share in (0.5, 1.2, 2.0):
+        arm.joint_reference[:] = np.concatenate(
+            [arm.position + 0.05, np.full(n, 0.3), np.full(n, 500.0), [1.0]])
+        arm.joint_target[:] = arm.joint_reference
+        arm.joint_target[:n] += 0.3e-3
+        arm.joint_target[2 * n:3 * n] = 2000.0
+        moved = arm.joint_reference.copy()
+        moved[:n] += 0.3e-3
+        most = (joint_spring.joint_energy(arm.position, moved)
+                - joint_spring.joint_energy(arm.position, arm.joint_reference))
+        drawn, _ = joint_spring.move_joint_reference(numbers, 1.0, share * most)
+        assert drawn == pytest.approx(share * most, rel=1e-3)
 
 
 def test_a_stiffness_that_grows_uses_what_others_release():
@@ -665,3 +691,163 @@ def test_a_volume_comes_nearer_by_its_twist(rng):
                                                       point - volume[POSE:POSE + 3])
         assert surroundings._coming(volume, point, way) == pytest.approx(
             max(way @ velocity, 0.0))
+
+
+@pytest.fixture(scope='module')
+def measured():
+    arm = Arm()
+    return arm.measure()
+
+
+def test_an_external_wrench_is_found_from_the_torques_that_it_makes(measured, rng):
+    for _ in range(DRAWS):
+        wrench, found = rng.normal(size=6), np.empty((2, 6))
+        external = measured.jacobian.T @ wrench
+        impedance.external_wrench(measured.jacobian, measured.inertia, external, 1e-9, found[0])
+        gains = ImpedanceGains(singularity=1e-9)
+        target = resting_target(measured.pose, np.eye(6))
+        impedance.impedance_torque(
+            measured.position, np.zeros(7), measured.pose, measured.jacobian, measured.inertia,
+            measured.bias, np.zeros((2, 7)), target, measured.position, np.zeros(7),
+            numbers_of(gains), 1.7, external, np.empty(7), found[1], np.empty(6))
+        np.testing.assert_allclose(found, np.tile(wrench, (2, 1)), atol=1e-5)
+
+
+def test_friction_at_a_guided_tool_is_against_its_motion(rng):
+    for _ in range(DRAWS):
+        velocity, bias, jacobian = rng.normal(size=7), rng.normal(size=7), rng.normal(size=(6, 7))
+        torque, twist = np.empty(7), np.ones(6)
+        law._free(velocity, bias, jacobian, 2.0, 1.5, torque, twist)
+        moving = jacobian[:3] @ velocity
+        speed = np.linalg.norm(moving)
+        hold = 1.5 * math.tanh(speed / law.FREE_SMOOTHING) * moving / speed
+        np.testing.assert_allclose(torque, bias - 2.0 * velocity - jacobian[:3].T @ hold)
+        assert not twist.any()
+
+
+def test_the_power_of_the_joint_springs_is_that_of_the_motion(rng):
+    for _ in range(DRAWS):
+        position, velocity = rng.normal(size=(2, 7))
+        error = 0.1 * rng.normal(size=7)
+        reference = np.concatenate([position + error, np.zeros(7), np.full(7, 300.0), [1.0]])
+        stored = joint_spring.joint_energy(position, reference)
+        bent = np.clip(error, -joint_spring.CLIP, joint_spring.CLIP)
+        assert law._joint_power(position, velocity, reference, stored, 1e-7) == pytest.approx(
+            -300.0 * bent @ velocity, abs=1e-2)
+
+
+@pytest.mark.parametrize('side', [-1.0, 1.0])
+def test_a_joint_near_its_limit_is_pushed_and_only_its_approach_is_damped(side):
+    settings = LimitSettings()
+    margin, limits = settings.joint_margin, numbers_of(settings).view(LIMIT_NUMBERS)[0]
+    lower, upper, inertia = np.array([-1.0]), np.array([1.0]), np.eye(1)
+    largest, fastest = np.array([80.0]), np.array([2.0])
+    for deep, kept, rate in ((0.5, 0.0, 0.0), (0.5, 0.2, 0.0), (0.3, 0.0, 0.05),
+                             (0.3, 0.0, -0.05), (-0.5, 0.0, 0.0)):
+        position, velocity = np.array([side * (1.0 - margin * (1.0 - deep))]), side * rate
+        relief, torque, depth = np.array([kept * margin]), np.empty(1), np.empty(1)
+        violation = np.zeros(len(LIMITS))
+        torque_limits._guard_torque(position, np.array([velocity]), inertia, lower, upper,
+                                    largest, fastest, limits, relief, torque, depth, violation)
+        share = max(deep - kept, 0.0)
+        expected = -side * share * min(settings.joint_repulsion,
+                                       torque_limits.REPULSION_SHARE * 80.0)
+        if share > 0.0 and rate > 0.0:
+            expected -= share * settings.joint_brake * velocity
+        assert torque[0] == pytest.approx(expected)
+        assert depth[0] == pytest.approx(-side * share)
+        assert violation[JOINT_POSITION] == pytest.approx(max(deep, 0.0) * margin)
+        assert relief[0] == pytest.approx(kept * margin if deep > 0.0 else 0.0)
+
+
+def test_a_link_is_pushed_from_a_volume_by_a_potential(loop, rng):
+    arm, shape = loop.arm, loop.arm.shape
+    hand = own_body.placed(arm.chain, shape, arm.home)[-1]
+    volumes, relief = np.zeros((1, VOLUME_SIZE)), np.zeros((1, len(shape.capsules)))
+    volume = volumes[0]
+    volume[POSE + 3], volume[RADIUS], volume[MARGIN], volume[THERE] = 1.0, 0.05, 0.02, 1.0
+    reach = volume[MARGIN] + surroundings.SLACK
+
+    def deep_at(position):
+        depth = np.zeros((1, len(shape.capsules)))
+        surroundings._depths(*arm.chain, position, shape.capsules, volumes, depth)
+        return np.maximum(depth + surroundings.SLACK, 0.0)
+
+    def torque_at(velocity):
+        torque = np.zeros(7)
+        surroundings.push_away(*arm.chain, arm.home, velocity, shape.capsules, volumes, 1e-3,
+                               relief.copy(), torque)
+        return torque
+    for deep in (0.1, 0.9):  # the first is within the slack, outside of the margin
+        way = rng.normal(size=3)
+        way[2] = -abs(way[2])
+        way /= np.linalg.norm(way)
+        volume[POSE:POSE + 3] = hand[:3] + (hand[6] + 0.05 + (1.0 - deep) * reach) * way
+        slope = approx_fprime(arm.home, lambda q: float(
+            0.5 * surroundings.BARRIER * (deep_at(q) ** 2).sum()), 1e-7)
+        still = torque_at(np.zeros(7))
+        assert np.abs(still).max() > 1e-3
+        if surroundings.BARRIER * deep_at(arm.home).max() < surroundings.MOST_FORCE:
+            np.testing.assert_allclose(still, -slope, atol=1e-3 * np.abs(slope).max() + 1e-4)
+
+
+def test_a_reference_may_go_back_to_a_tool_that_is_held_but_not_further_away():
+    gains, pose = numbers_of(ImpedanceGains()), np.array([0.4, 0.0, 0.5, 0.0, 1.0, 0.0, 0.0])
+    reference = resting_target(pose, np.diag([400.0] * 3 + [30.0] * 3))
+    reference[0] += 0.5
+    for way, share in (([1.0, 0.0, 0.0], 0.0), ([-1.0, 0.0, 0.0], 1.0), ([0.0, 1.0, 0.0], 1.0)):
+        twist = np.array([*way, 0.0, 0.0, 0.0])
+        assert governor._share_that_keeps_error(pose, reference, gains, twist) == pytest.approx(
+            share, abs=1e-9)
+
+
+def test_the_velocity_towards_a_target_is_its_own_and_that_of_the_lag(rng):
+    settings, dt = LimitSettings(), 1e-3
+    limits = numbers_of(settings).view(LIMIT_NUMBERS)[0]
+    for _ in range(DRAWS):
+        pose = np.array([0.4, 0.0, 0.5, 0.0, 1.0, 0.0, 0.0])
+        reference, target = (resting_target(pose, np.eye(6)) for _ in range(2))
+        target[:3] += 0.02 * rng.normal(size=3)
+        target[TWIST_OF] = 0.1 * rng.normal(size=6)
+        target[ACCELERATION:ACCELERATION + 6] = rng.normal(size=6)
+        velocity, lag, violation = np.empty(6), np.empty(6), np.zeros(len(LIMITS))
+        governor._wanted_velocity(reference, target, limits, dt, velocity, lag, violation)
+        own = target[TWIST_OF] - 0.5 * dt * target[ACCELERATION:ACCELERATION + 6]
+        apart = np.concatenate([target[:3] - reference[:3], np.zeros(3)]) - dt * own
+        expected = own.copy()
+        governor.catch_up(apart[:3], 0.5 * settings.acceleration, settings.catch_up_speed,
+                          expected[:3])
+        governor.catch_up(apart[3:], 0.5 * settings.angular_acceleration,
+                          settings.catch_up_angular_speed, expected[3:])
+        np.testing.assert_allclose(lag, apart, atol=1e-12)
+        np.testing.assert_allclose(velocity, expected)
+
+
+def test_the_joints_go_to_the_posture_if_a_limit_leaves_no_other_way(loop):
+    numbers = loop.controller.numbers
+    arm = memory.parts(numbers)
+    s, pose, jacobian = arm.scalars, np.empty(7), np.empty((6, 7))
+    arm.posture[:] = loop.arm.home
+    chain_state(*loop.arm.chain, arm.end, arm.posture, pose, jacobian)
+
+    def returns(blocked=1.0, blocking=3.0, away=0.2, off=0.0):
+        s.returns, s.blocked, s.blocking = 0.0, blocked, blocking
+        arm.governed[:] = loop.arm.home - away
+        arm.target[:7] = pose
+        arm.target[0] += off
+        governor._decide_return(numbers)
+        return s.returns == 1.0
+    assert returns() and returns(away=-0.2)
+    assert not returns(blocked=0.1) and not returns(blocking=-1.0)
+    assert not returns(away=0.0) and not returns(off=0.05)
+
+
+def test_the_power_of_coriolis_forces_is_smoothed():
+    numbers = record(TANK_NUMBERS, capacity=100.0, passive=1.0)
+    scalars = record(memory.SCALARS, dt=1e-3, known=1.0, torques=1.0, energy=10.0,
+                     potential=0.3, potential_before=0.1, coriolis=0.5)
+    before, bias = np.array([1.0, 2.0]), np.array([30.0, -5.0])
+    tank.measure_energy(scalars, numbers, np.zeros((3, 2)), np.zeros((4, 2)), np.zeros(2),
+                        before, np.zeros(2), bias, 0.0)
+    change = 1e-3 * (30.0 - 10.0) - 0.2 - 0.5
+    assert scalars['coriolis'] == pytest.approx(0.5 + 1e-3 / tank.CORIOLIS_S * change)
