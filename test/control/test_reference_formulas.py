@@ -1,0 +1,432 @@
+"""
+Kernels of the reference and of distances against their formulas, at random numbers.
+
+Tests of behaviour cannot tell every sign: a lever arm, a coupling or a damping changes a motion of
+the arm too little. Each kernel is tried here by itself.
+"""
+import math
+
+import numpy as np
+import pytest
+from scipy.optimize import approx_fprime
+
+from gdmp_ros.control import (
+    governor,
+    memory,
+    own_body,
+    surroundings,
+)
+from gdmp_ros.control.kinematics import chain_state
+from gdmp_ros.control.limits import (
+    LIMITS,
+)
+from gdmp_ros.control.settings import (
+    ControllerSettings,
+    ImpedanceGains,
+    LIMIT_NUMBERS,
+    LimitSettings,
+)
+from gdmp_ros.control.target import (
+    ACCELERATION,
+    resting_target,
+    TARGET_SIZE,
+)
+from gdmp_ros.control.weight import is_weightless
+from gdmp_ros.scene.volume import HALF, MARGIN, POSE, RADIUS, THERE, TWIST, VOLUME_SIZE
+from gdmp_ros.sim import Arm, ClosedLoop
+from gdmp_ros.util.settings import numbers as numbers_of
+from test.control.formulas import DRAWS, pose_of, record, TWIST_OF, within
+
+
+@pytest.fixture
+def loop():
+    """An arm that has made a tick."""
+    made = ClosedLoop(Arm(), ControllerSettings())
+    made.tick()
+    return made
+
+
+def test_the_acceleration_and_its_change_are_limited_together(rng):
+    for _ in range(DRAWS):
+        velocity, present, last, change = (*rng.normal(size=(2, 6)), rng.normal(size=6),
+                                           np.zeros(6))
+        limit, jerk, dt, first = 5.0, 800.0, 1e-2, int(rng.choice([0, 3]))
+        part = slice(first, first + 3)
+        exceeded, jerked = governor._accelerate(velocity, present, last, first, limit, jerk, dt,
+                                                change)
+        asked, most = (velocity - present)[part] / dt, jerk * dt
+        size = np.linalg.norm(asked)
+        asked = within(asked, 0.5 * (math.sqrt(most * (most + 8.0 * size)) - most))
+        assert exceeded == pytest.approx(max(np.linalg.norm(asked) - limit, 0.0))
+        step = within(asked, limit) - last[part]
+        assert jerked == pytest.approx(max(np.linalg.norm(step) - most, 0.0) / dt)
+        np.testing.assert_allclose(change[part], last[part] + within(step, most))
+
+
+def test_the_acceleration_of_a_target_counts_near_the_mean(rng):
+    for _ in range(DRAWS):
+        reference, target, mean = np.zeros(TARGET_SIZE), np.zeros(TARGET_SIZE), rng.normal(size=6)
+        target[ACCELERATION:ACCELERATION + 6] = 3.0 * rng.normal(size=6)
+        first = int(rng.choice([0, 3]))
+        part, at = slice(first, first + 3), slice(ACCELERATION + first, ACCELERATION + first + 3)
+        governor._feed_forward(reference, mean, target, first, 2.0, 1.5)
+        expected = within(mean[part] + within(target[at] - mean[part], 1.5), 2.0)
+        np.testing.assert_allclose(reference[at], expected)
+
+
+def test_a_velocity_makes_way_as_far_as_it_goes_along(rng):
+    for _ in range(DRAWS):
+        asked, made = rng.normal(size=(2, 6))
+        assert governor._progress(asked, made) == pytest.approx(asked @ made / (asked @ asked))
+    assert governor._progress(np.zeros(6), made) == 1.0
+
+
+def test_the_largest_part_of_a_velocity_satisfies_all_rows(rng):
+    for _ in range(DRAWS):
+        rates, rows, bounds = rng.normal(size=7), rng.normal(size=(9, 7)), rng.normal(size=9)
+        share = governor._largest_share(rates, rows, bounds)
+        speeds, most = rows @ rates, np.maximum(bounds, 0.0)
+        over = speeds > most
+        assert share == pytest.approx(min([1.0, *(most[over] / speeds[over])]))
+
+
+def test_a_reference_without_way_is_counted_and_named_until_it_makes_way():
+    s = record(memory.SCALARS, dt=1e-3, way=1.0, blocking=-1.0)
+    for _ in range(400):
+        governor._notice_block(s, 0.0, True, 5.0)
+    assert s['blocking'] == 5.0 and 0.2 < s['blocked'] < 0.4
+    governor._notice_block(s, 0.0, True, -1.0)
+    assert s['blocking'] == 5.0  # the last one that is known
+    for _ in range(10):
+        governor._notice_block(s, 1.0, True, 5.0)
+    assert s['blocking'] == -1.0 and s['blocked'] == 0.0
+    s['way'] = 0.01
+    governor._notice_block(s, 0.0, False, 5.0)
+    assert s['way'] == 1.0 and s['blocked'] == 0.0
+
+
+def test_joints_go_to_the_posture_slowly_or_all_together(rng):
+    limits = numbers_of(LimitSettings()).view(LIMIT_NUMBERS)[0]
+    for _ in range(DRAWS):
+        position, posture, last = rng.normal(size=(3, 7))
+        rates = np.empty(7)
+        s = record(memory.SCALARS, dt=1e-3, returns=0.0)
+        assert governor._approach_posture(s, position, posture, limits, last,
+                                          rates) == governor.POSTURE_WEIGHT
+        np.testing.assert_allclose(rates, np.clip(
+            (posture - position) / governor.POSTURE_S, -governor.POSTURE_SPEED,
+            governor.POSTURE_SPEED))
+        s['returns'] = 1.0
+        assert governor._approach_posture(s, position, posture, limits, last,
+                                          rates) == governor.RETURN_WEIGHT
+        furthest, most = np.abs(posture - position).max(), LimitSettings().joint_acceleration
+        speed = min(math.sqrt(most * furthest), furthest / governor.CATCH_UP_S)
+        np.testing.assert_allclose(rates, np.clip(
+            speed / furthest * (posture - position), last - 1e-3 * most, last + 1e-3 * most))
+
+
+def test_joints_are_slowed_where_the_tool_would_be_too_fast(loop, rng):
+    numbers, settings = loop.controller.numbers, LimitSettings()
+    arm, home = memory.parts(numbers), loop.arm.home
+    jacobian, pose = np.empty((6, 7)), np.empty(7)
+    fastest = min(settings.speed, governor.TOOL_SPEED_SHARE * settings.tool_speed)
+    slowed = 0
+    for scale in (0.01, 0.3, 2.0, 4.0) * 5:
+        arm.joint_reference[:7], arm.joint_target[:7] = home, home + 1.0
+        asked = scale * rng.normal(size=7)
+        rates = asked.copy()
+        changed = governor.keep_joints_inside(numbers, asked, rates)
+        chain_state(*loop.arm.chain, arm.end, home, pose, jacobian)
+        speed = np.linalg.norm(jacobian[:3] @ asked)
+        share = min(1.0, fastest / speed)
+        assert changed == (share < 1.0)
+        np.testing.assert_allclose(rates, share * asked, atol=1e-9)
+        slowed += changed
+    assert 5 <= slowed < 20
+
+
+def test_the_share_of_the_way_follows_smoothly():
+    s = record(memory.SCALARS, dt=1e-3, permitted=1.0, allowed=0.5)
+    governor.hold_back_smoothly(s)
+    assert s['allowed'] == pytest.approx(0.5 + 1e-3 / governor.HELD_IN_S)
+    s['permitted'] = 0.0
+    for _ in range(2):
+        governor.hold_back_smoothly(s)
+    assert s['allowed'] == pytest.approx(0.5 - 1e-3 / governor.HELD_IN_S)
+
+
+def test_a_lag_is_closed_so_fast_that_it_can_stop(rng):
+    for distance in (0.001, 0.02, 0.5):
+        lag, before = rng.normal(size=3), rng.normal(size=3)
+        lag *= distance / np.linalg.norm(lag)
+        velocity = before.copy()
+        governor.catch_up(lag, 2.0, 0.25, velocity)
+        size = np.linalg.norm(lag)
+        speed = min(size / governor.CATCH_UP_S, 0.25, math.sqrt(2.0 * 2.0 * size))
+        np.testing.assert_allclose(velocity - before, speed / size * lag)
+
+
+def capsule_of(rng, radius, size):
+    """A capsule of link 1, and its ends."""
+    ends = rng.normal(size=3) + size * rng.normal(size=(2, 3))
+    return np.array([1.0, *np.zeros(6), radius, 0.0]), ends
+
+
+def test_capsules_that_are_left_out_are_far(rng):
+    """Points that are beyond the distance are left out, nothing that is nearer ever is."""
+    left_out = 0
+    for _ in range(20 * DRAWS):
+        size, radii = rng.choice([0.0, 0.3]), rng.uniform(0.0, 0.1, 2)
+        (first, a), (second, b) = (capsule_of(rng, radius, size) for radius in radii)
+        near, far = np.empty((2, 3))
+        own_body.nearest_points(*a, *b, near, far)
+        between = np.linalg.norm(far - near) - radii.sum()
+        distance = between * rng.choice([0.3, 0.95, 1.05]) if between > 0.0 else 0.1
+        is_far = own_body._is_far(np.array([first, second]), np.vstack([a, b]), 0, 1, distance)
+        assert not (is_far and between < distance)
+        if size == 0.0:
+            assert is_far == (distance < between)
+        left_out += is_far
+    assert left_out > DRAWS
+
+
+def test_volumes_that_are_left_out_are_far(rng):
+    for _ in range(20 * DRAWS):
+        size, radius = rng.choice([0.0, 0.3]), rng.uniform(0.0, 0.1)
+        capsule, ends = capsule_of(rng, radius, size)
+        volume = np.zeros(VOLUME_SIZE)
+        volume[POSE:POSE + 7] = pose_of(rng)
+        volume[RADIUS] = rng.uniform(0.0, 0.2)
+        volume[HALF:HALF + 3] = rng.uniform(0.0, size, 3)
+        way = np.empty(3)
+        between = surroundings.segment_distance(volume, *ends, way)[0] - radius
+        if between < 0.01:
+            continue
+        distance = between * rng.choice([0.3, 0.95, 1.05])
+        is_far = surroundings._is_far(volume, capsule, *ends, distance)
+        assert not (is_far and between < distance)
+        if size == 0.0:
+            assert is_far == (distance < between)
+
+
+@pytest.mark.parametrize('axis', [0, 1, 2])
+def test_a_fast_volume_has_rows_from_further_away(axis, loop):
+    """From as far as it comes in the time in which an arm slows down."""
+    arm, shape = loop.arm, loop.arm.shape
+    chain = arm.chain
+    rows, bounds, ids = (np.zeros((surroundings.MOST_ROWS, 7)),
+                         *np.zeros((2, surroundings.MOST_ROWS)))
+    volumes = np.zeros((1, VOLUME_SIZE))
+    volume = volumes[0]
+    volume[POSE + 3], volume[RADIUS], volume[MARGIN], volume[THERE] = 1.0, 0.05, 0.02, 1.0
+    hand = own_body.placed(chain, shape, arm.home)[-1, :3]
+    volume[POSE:POSE + 3] = hand
+    volume[POSE + axis] -= 0.9
+
+    def shared(speed):
+        volume[TWIST + axis] = speed
+        return surroundings.surroundings_rows(
+            *chain, arm.home, shape.capsules, volumes, 0.0, 6.5, 0.5, 0.0, 0, rows, bounds, ids,
+            0)
+    assert shared(0.0)[:2] == (0, 1.0)
+    count, share, _, _ = shared(20.0)
+    assert count > 0 and share < 1.0
+
+
+def test_the_end_of_a_link_that_is_the_nearest_point_has_one_row(loop):
+    arm, shape = loop.arm, loop.arm.shape
+    m, seen = len(shape.capsules), set()
+    placed = own_body.placed(arm.chain, shape, arm.home)
+    for c in range(m):
+        rows, bounds, ids = (np.zeros((surroundings.MOST_ROWS, 7)),
+                             *np.zeros((2, surroundings.MOST_ROWS)))
+        first, second, radius = placed[c, :3], placed[c, 3:6], placed[c, 6]
+        length = np.linalg.norm(second - first)
+        if shape.capsules[c, 0] == 0.0 or length < 0.05:
+            continue
+        for t, places in ((0.0, 2), (1.0, 2), (0.5, 3)):
+            volumes = np.zeros((1, VOLUME_SIZE))
+            volume = volumes[0]
+            way = np.cross(second - first, [0.3, 0.5, 0.8])
+            way /= np.linalg.norm(way)
+            volume[POSE:POSE + 3] = first + t * (second - first) + (radius + 0.1) * way
+            volume[POSE + 3], volume[RADIUS], volume[THERE] = 1.0, 0.01, 1.0
+            volume[MARGIN] = 0.02
+            count, *_ = surroundings.surroundings_rows(
+                *arm.chain, arm.home, shape.capsules[c:c + 1], volumes, 0.0, 0.5, 10.0, 0.0, 0,
+                rows, bounds, ids, 0)
+            assert count == places
+            seen.add(t)
+    assert len(seen) == 3
+
+
+def test_no_weight_is_none_at_any_joint():
+    for place in np.ndindex(3, 3):
+        moments = np.zeros((3, 3))
+        assert is_weightless(moments)
+        moments[place] = 0.1
+        assert not is_weightless(moments)
+
+
+def test_a_volume_comes_nearer_by_its_twist(rng):
+    for _ in range(DRAWS):
+        volume, point, way = np.zeros(VOLUME_SIZE), rng.normal(size=3), rng.normal(size=3)
+        volume[POSE:POSE + 7], volume[TWIST:TWIST + 6] = pose_of(rng), rng.normal(size=6)
+        velocity = volume[TWIST:TWIST + 3] + np.cross(volume[TWIST + 3:TWIST + 6],
+                                                      point - volume[POSE:POSE + 3])
+        assert surroundings._coming(volume, point, way) == pytest.approx(
+            max(way @ velocity, 0.0))
+
+
+def test_a_link_is_pushed_from_a_volume_by_a_potential(loop, rng):
+    arm, shape = loop.arm, loop.arm.shape
+    hand = own_body.placed(arm.chain, shape, arm.home)[-1]
+    volumes, relief = np.zeros((1, VOLUME_SIZE)), np.zeros((1, len(shape.capsules)))
+    volume = volumes[0]
+    volume[POSE + 3], volume[RADIUS], volume[MARGIN], volume[THERE] = 1.0, 0.05, 0.02, 1.0
+    reach = volume[MARGIN] + surroundings.SLACK
+
+    def deep_at(position):
+        depth = np.zeros((1, len(shape.capsules)))
+        surroundings._depths(*arm.chain, position, shape.capsules, volumes, depth)
+        return np.maximum(depth + surroundings.SLACK, 0.0)
+
+    def torque_at(velocity):
+        torque = np.zeros(7)
+        surroundings.push_away(*arm.chain, arm.home, velocity, shape.capsules, volumes, 1e-3,
+                               relief.copy(), torque)
+        return torque
+    for deep in (0.1, 0.9):  # the first is within the slack, outside of the margin
+        way = rng.normal(size=3)
+        way[2] = -abs(way[2])
+        way /= np.linalg.norm(way)
+        volume[POSE:POSE + 3] = hand[:3] + (hand[6] + 0.05 + (1.0 - deep) * reach) * way
+        slope = approx_fprime(arm.home, lambda q: float(
+            0.5 * surroundings.BARRIER * (deep_at(q) ** 2).sum()), 1e-7)
+        still = torque_at(np.zeros(7))
+        assert np.abs(still).max() > 1e-3
+        if surroundings.BARRIER * deep_at(arm.home).max() < surroundings.MOST_FORCE:
+            np.testing.assert_allclose(still, -slope, atol=1e-3 * np.abs(slope).max() + 1e-4)
+
+
+def test_a_reference_may_go_back_to_a_tool_that_is_held_but_not_further_away():
+    gains, pose = numbers_of(ImpedanceGains()), np.array([0.4, 0.0, 0.5, 0.0, 1.0, 0.0, 0.0])
+    reference = resting_target(pose, np.diag([400.0] * 3 + [30.0] * 3))
+    reference[0] += 0.5
+    for way, share in (([1.0, 0.0, 0.0], 0.0), ([-1.0, 0.0, 0.0], 1.0), ([0.0, 1.0, 0.0], 1.0)):
+        twist = np.array([*way, 0.0, 0.0, 0.0])
+        assert governor._share_that_keeps_error(pose, reference, gains, twist) == pytest.approx(
+            share, abs=1e-9)
+
+
+def test_the_velocity_towards_a_target_is_its_own_and_that_of_the_lag(rng):
+    settings, dt = LimitSettings(), 1e-3
+    limits = numbers_of(settings).view(LIMIT_NUMBERS)[0]
+    for _ in range(DRAWS):
+        pose = np.array([0.4, 0.0, 0.5, 0.0, 1.0, 0.0, 0.0])
+        reference, target = (resting_target(pose, np.eye(6)) for _ in range(2))
+        target[:3] += 0.02 * rng.normal(size=3)
+        target[TWIST_OF] = 0.1 * rng.normal(size=6)
+        target[ACCELERATION:ACCELERATION + 6] = rng.normal(size=6)
+        velocity, lag, violation = np.empty(6), np.empty(6), np.zeros(len(LIMITS))
+        governor._wanted_velocity(reference, target, limits, dt, velocity, lag, violation)
+        own = target[TWIST_OF] - 0.5 * dt * target[ACCELERATION:ACCELERATION + 6]
+        apart = np.concatenate([target[:3] - reference[:3], np.zeros(3)]) - dt * own
+        expected = own.copy()
+        governor.catch_up(apart[:3], 0.5 * settings.acceleration, settings.catch_up_speed,
+                          expected[:3])
+        governor.catch_up(apart[3:], 0.5 * settings.angular_acceleration,
+                          settings.catch_up_angular_speed, expected[3:])
+        np.testing.assert_allclose(lag, apart, atol=1e-12)
+        np.testing.assert_allclose(velocity, expected)
+
+
+def test_the_joints_go_to_the_posture_if_a_limit_leaves_no_other_way(loop):
+    numbers = loop.controller.numbers
+    arm = memory.parts(numbers)
+    s, pose, jacobian = arm.scalars, np.empty(7), np.empty((6, 7))
+    arm.posture[:] = loop.arm.home
+    chain_state(*loop.arm.chain, arm.end, arm.posture, pose, jacobian)
+
+    def returns(blocked=1.0, blocking=3.0, away=0.2, off=0.0):
+        s.returns, s.blocked, s.blocking = 0.0, blocked, blocking
+        arm.governed[:] = loop.arm.home - away
+        arm.target[:7] = pose
+        arm.target[0] += off
+        governor._decide_return(numbers)
+        return s.returns == 1.0
+    assert returns() and returns(away=-0.2)
+    assert not returns(blocked=0.1) and not returns(blocking=-1.0)
+    assert not returns(away=0.0) and not returns(off=0.05)
+
+
+def test_the_rows_of_the_nearest_volumes_are_kept():
+    bounds = np.array([9.0, 0.5, 0.3, 0.8, 0.1])
+    many = surroundings.MOST_ROWS
+    assert surroundings._place_for(bounds, 1, 4, 5.0) == 4
+    full = np.linspace(0.1, 1.0, many + 1)
+    full[0], full[3] = 9.0, 2.0  # the first one is of another kind
+    assert surroundings._place_for(full, 1, many + 1, 1.5) == 3
+    assert surroundings._place_for(full, 1, many + 1, 2.5) == -1
+
+
+def test_what_moves_towards_a_volume_is_pushed_harder(loop):
+    arm, shape = loop.arm, loop.arm.shape
+    hand, last = own_body.placed(arm.chain, shape, arm.home)[-1], shape.capsules[-1:].copy()
+    volumes, n, depth = np.zeros((1, VOLUME_SIZE)), 7, np.zeros((1, 1))
+    volume = volumes[0]
+    volume[POSE + 3], volume[RADIUS], volume[MARGIN], volume[THERE] = 1.0, 0.05, 0.02, 1.0
+    lowest = min(hand[:3], hand[3:6], key=lambda end: end[2])
+    volume[POSE:POSE + 3] = lowest - [0.0, 0.0, hand[6] + 0.05 + 0.02]
+    surroundings._depths(*arm.chain, arm.home, last, volumes, depth)
+    deep = depth[0, 0] + surroundings.SLACK
+    assert 0.0 < 1.5 * deep < surroundings.MOST_FORCE / surroundings.BARRIER
+
+    def torque_at(velocity):
+        torque = np.zeros(n)
+        surroundings.push_away(*arm.chain, arm.home, velocity, last, volumes, 1e-3,
+                               np.zeros((1, 1)), torque)
+        return torque
+    still = torque_at(np.zeros(n))
+    # With 1 N of force this torque is the row: how fast each joint brings the link nearer.
+    row = -still / (surroundings.BARRIER * deep)
+    away = row / np.linalg.norm(row) ** 2
+    np.testing.assert_allclose(torque_at(0.1 * away), (1.0 + 0.1 / own_body.DOUBLED) * still,
+                               rtol=1e-6)
+    np.testing.assert_allclose(torque_at(-0.1 * away), still, rtol=1e-6)
+
+
+def test_parts_of_an_arm_that_are_too_near_are_pushed_apart_by_a_potential(loop):
+    arm, body, n = loop.arm, loop.arm.shape, 7
+    folded = np.array([0.0, -0.9, 0.0, -2.95, 0.0, 2.2, 0.785])
+    while own_body.clearances(arm.chain, body, folded).min() > 0.5 * own_body.KEEP:
+        folded[5] -= 0.005
+    nearest = own_body.clearances(arm.chain, body, folded).argmin()
+    body = body._replace(pairs=body.pairs[nearest:nearest + 1])
+
+    def energy(position):
+        deep = np.maximum(own_body.KEEP - own_body.clearances(arm.chain, body, position), 0.0)
+        return 0.5 * own_body.PUSH / own_body.KEEP * (deep ** 2).sum()
+
+    def torque_at(velocity, relief):
+        torque = np.zeros(n)
+        own_body.push_apart(*arm.chain, folded, velocity, body.capsules, body.pairs, relief,
+                            torque)
+        return torque
+    relief = np.zeros(len(body.pairs))
+    still = torque_at(np.zeros(n), relief)
+    slope = approx_fprime(folded, energy, 1e-7)
+    np.testing.assert_allclose(still, -slope, atol=1e-3 * np.abs(slope).max())
+    assert not relief.any()
+    # The force over the depth is the row of the distance.
+    deep = own_body.KEEP - own_body.clearances(arm.chain, body, folded)[0]
+    row = -still / (own_body.PUSH / own_body.KEEP * deep)
+    away = row / np.linalg.norm(row) ** 2
+    np.testing.assert_allclose(torque_at(0.1 * away, relief),
+                               (1.0 + 0.1 / own_body.DOUBLED) * still, rtol=1e-6)
+    np.testing.assert_allclose(torque_at(-0.1 * away, relief), still, rtol=1e-6)
+    half = np.array([0.5 * deep])
+    np.testing.assert_allclose(torque_at(np.zeros(n), half), 0.5 * still, rtol=1e-6)
+    # Parts that are far apart forget what did not act.
+    folded = arm.home
+    assert not torque_at(np.zeros(n), half).any() and half[0] == 0.0

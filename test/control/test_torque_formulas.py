@@ -1,0 +1,307 @@
+"""
+Kernels of wrenches and torques against their formulas, written in NumPy, at random numbers.
+
+Tests of behaviour cannot tell every sign: a lever arm, a coupling or a damping changes a motion of
+the arm too little. Each kernel is tried here by itself.
+"""
+import math
+
+import numpy as np
+import pytest
+
+from gdmp_ros.control import (
+    admittance,
+    contact,
+    impedance,
+    joint_spring,
+    law,
+    memory,
+    plain_tick,
+    torque_limits,
+)
+from gdmp_ros.control.friction import friction_torque, LEAST_SCALE, REST_DELAY_S, rest_scale
+from gdmp_ros.control.limits import (
+    JOINT_POSITION,
+    LIMITS,
+    TOOL_SPEED,
+)
+from gdmp_ros.control.memory import JOINT_SPRINGS, TOOL_SPRING
+from gdmp_ros.control.settings import (
+    ControllerSettings,
+    ImpedanceGains,
+    LIMIT_NUMBERS,
+    LimitSettings,
+)
+from gdmp_ros.control.target import (
+    DAMPING_RATIO,
+    resting_target,
+    STIFFNESS,
+    TARGET_SIZE,
+    WRENCH,
+    WRENCH_GAIN,
+)
+from gdmp_ros.sim import Arm, ClosedLoop
+from gdmp_ros.util.settings import numbers as numbers_of
+from test.control.formulas import coupled, DRAWS, pose_of, record, turn_of, within
+
+
+@pytest.fixture
+def loop():
+    """An arm that has made a tick."""
+    made = ClosedLoop(Arm(), ControllerSettings())
+    made.tick()
+    return made
+
+
+def test_the_help_over_friction_knows_the_stiffness_at_each_joint(rng):
+    gains = ImpedanceGains(friction_at_rest=0.5)
+    names = numbers_of(gains).view(impedance.GAIN_NUMBERS)[0]
+    for _ in range(DRAWS):
+        target, stiffness = np.zeros(TARGET_SIZE), coupled(rng)
+        target[STIFFNESS:STIFFNESS + 36] = stiffness.reshape(-1)
+        target[DAMPING_RATIO] = 0.8
+        jacobian, rates, pull = rng.normal(size=(6, 7)), *rng.normal(size=(2, 7))
+        friction, inertia = rng.uniform(0.5, 1.5, (2, 7)), np.diag(rng.uniform(0.1, 2.0, 7))
+        torque = np.zeros(7)
+        impedance._add_friction(target, rates, friction, names, pull, jacobian, inertia, torque)
+        along = np.diag(jacobian.T @ stiffness @ jacobian) + gains.posture_stiffness
+        expected = [friction_torque(friction[0, i], friction[1, i], rates[i], pull[i],
+                                    gains.friction_smoothing, 0.5,
+                                    rest_scale(friction[1, i], 0.5, along[i], inertia[i, i], 0.8))
+                    for i in range(7)]
+        np.testing.assert_allclose(torque, expected)
+
+
+def test_a_measured_wrench_is_moved_to_the_tool_without_its_load(rng):
+    for _ in range(DRAWS):
+        sensor, tool, site = pose_of(rng), pose_of(rng), pose_of(rng)
+        wrench, center, carried, external = (rng.normal(size=6), rng.normal(size=3),
+                                             rng.normal(size=3), np.empty(6))
+        admittance.external_wrench(wrench, sensor, tool, site, center, carried, external)
+        force, moment = turn_of(sensor) @ wrench[:3], turn_of(sensor) @ wrench[3:]
+        load = site[:3] + turn_of(site) @ center - tool[:3]
+        np.testing.assert_allclose(external[:3], force - carried, atol=1e-12)
+        np.testing.assert_allclose(
+            external[3:], moment + np.cross(sensor[:3] - tool[:3], force)
+            - np.cross(load, carried), atol=1e-12)
+
+
+def test_what_drives_a_tool_that_is_too_fast_is_reduced_and_it_is_braked(rng):
+    largest = 0.5
+    slow = max(largest - impedance.SPEED_MARGIN, 0.5 * largest)
+    for _ in range(DRAWS):
+        jacobian, dq, force = rng.normal(size=(6, 7)), 0.1 * rng.normal(size=7), np.empty(6)
+        force[:] = 10.0 * rng.normal(size=6)
+        before, velocity = force.copy(), jacobian[:3] @ dq
+        excess = impedance._limit_tool_speed(jacobian, dq, largest, force)
+        speed = np.linalg.norm(velocity)
+        assert excess == pytest.approx(max(speed - slow, 0.0))
+        if excess == 0.0:
+            np.testing.assert_array_equal(force, before)
+            continue
+        way = velocity / speed
+        along = before[:3] @ way
+        left = along * max(1.0 - excess / (largest - slow), 0.0) if along > 0.0 else along
+        expected = before[:3] + (left - along - impedance.TOOL_BRAKE * excess) * way
+        np.testing.assert_allclose(force, [*expected, *before[3:]])
+
+
+def test_a_tool_that_the_joints_move_too_fast_is_reported(loop):
+    arm = memory.parts(loop.controller.numbers)
+    for rate, fast in ((0.01, False), (3.0, True)):
+        arm.velocity[:], arm.violation[:] = rate, 0.0
+        law._springs_at_joints(loop.controller.numbers, np.zeros(7),
+                               numbers_of(LimitSettings()).view(LIMIT_NUMBERS)[0])
+        assert (arm.violation[TOOL_SPEED] > 0.0) == fast
+
+
+def test_a_wall_pushes_as_a_spring_that_is_damped_on_the_way_out(rng):
+    settings = LimitSettings()
+    low, high = np.array(settings.workspace_min), np.array(settings.workspace_max)
+    for _ in range(DRAWS):
+        position = rng.uniform(low - 0.004, high + 0.004)
+        for axis in rng.choice(3, 2, replace=False):
+            position[axis] = rng.choice([low[axis] - 0.003, high[axis] + 0.003])
+        twist, jacobian, torque = rng.normal(size=6), rng.normal(size=(6, 7)), np.empty(7)
+        before = rng.uniform(0.0, 0.004, 3)
+        outside = before.copy()
+        torque_limits.push_from_walls(position, twist, jacobian, numbers_of(settings), outside,
+                                      torque)
+        deep = np.maximum(np.maximum(low - position, position - high), 0.0)
+        sign = np.where(position < low, 1.0, -1.0)
+        np.testing.assert_allclose(outside, np.minimum(before, deep))
+        acts = np.maximum(deep - before, 0.0)
+        force = sign * np.minimum(torque_limits.WALL_STIFFNESS * acts, torque_limits.WALL_FORCE)
+        force -= torque_limits.WALL_DAMPING * twist[:3] * ((sign * twist[:3] < 0.0) & (acts > 0.0))
+        np.testing.assert_allclose(torque, jacobian[:3].T @ force, atol=1e-9)
+
+
+def test_the_next_torque_begins_in_the_middle_of_those_that_are_compared(rng):
+    loop = ClosedLoop(Arm(), ControllerSettings())
+    arm, taken = memory.parts(loop.controller.numbers), rng.normal(size=(2, 7))
+    taken[1] = taken[0] + rng.uniform(0.0, 0.1, 7)
+    law.compare_with(loop.controller.numbers, taken, 1e-3)
+    np.testing.assert_allclose(arm.last, taken.mean(axis=0))
+    widest = (taken[1] - taken[0]).max()
+    assert arm.scalars.cycle == pytest.approx(
+        1e-3 - 0.5 * widest / LimitSettings().torque_slew)
+
+
+@pytest.mark.parametrize('does', [TOOL_SPRING, JOINT_SPRINGS])
+def test_the_state_has_a_reference_of_the_joints_only_if_they_follow_one(does):
+    loop = ClosedLoop(Arm(), ControllerSettings())
+    loop.tick()
+    numbers = loop.controller.numbers
+    memory.parts(numbers).scalars.does = does
+    target, state = np.ones(TARGET_SIZE), np.zeros(99 + len(LIMITS) + 6 * 7)
+    assert plain_tick.write_state(numbers, target, state) == (does == JOINT_SPRINGS)
+    assert (state[55] == 1.0) == (does == TOOL_SPRING)
+
+
+@pytest.fixture(scope='module')
+def measured():
+    arm = Arm()
+    return arm.measure()
+
+
+def test_an_external_wrench_is_found_from_the_torques_that_it_makes(measured, rng):
+    for _ in range(DRAWS):
+        wrench, found = rng.normal(size=6), np.empty((2, 6))
+        external = measured.jacobian.T @ wrench
+        impedance.external_wrench(measured.jacobian, measured.inertia, external, 1e-9, found[0])
+        gains = ImpedanceGains(singularity=1e-9)
+        target = resting_target(measured.pose, np.eye(6))
+        impedance.impedance_torque(
+            measured.position, np.zeros(7), measured.pose, measured.jacobian, measured.inertia,
+            measured.bias, np.zeros((2, 7)), target, measured.position, np.zeros(7),
+            numbers_of(gains), 1.7, external, np.empty(7), found[1], np.empty(6))
+        np.testing.assert_allclose(found, np.tile(wrench, (2, 1)), atol=1e-5)
+
+
+def test_friction_at_a_guided_tool_is_against_its_motion(rng):
+    for _ in range(DRAWS):
+        velocity, bias, jacobian = rng.normal(size=7), rng.normal(size=7), rng.normal(size=(6, 7))
+        torque, twist = np.empty(7), np.ones(6)
+        law._free(velocity, bias, jacobian, 2.0, 1.5, torque, twist)
+        moving = jacobian[:3] @ velocity
+        speed = np.linalg.norm(moving)
+        hold = 1.5 * math.tanh(speed / law.FREE_SMOOTHING) * moving / speed
+        np.testing.assert_allclose(torque, bias - 2.0 * velocity - jacobian[:3].T @ hold)
+        assert not twist.any()
+
+
+def test_the_power_of_the_joint_springs_is_that_of_the_motion(rng):
+    for _ in range(DRAWS):
+        position, velocity = rng.normal(size=(2, 7))
+        error = 0.1 * rng.normal(size=7)
+        reference = np.concatenate([position + error, np.zeros(7), np.full(7, 300.0), [1.0]])
+        stored = joint_spring.joint_energy(position, reference)
+        bent = np.clip(error, -joint_spring.CLIP, joint_spring.CLIP)
+        assert law._joint_power(position, velocity, reference, stored, 1e-7) == pytest.approx(
+            -300.0 * bent @ velocity, abs=1e-2)
+
+
+@pytest.mark.parametrize('side', [-1.0, 1.0])
+def test_a_joint_near_its_limit_is_pushed_and_only_its_approach_is_damped(side):
+    settings = LimitSettings()
+    margin, limits = settings.joint_margin, numbers_of(settings).view(LIMIT_NUMBERS)[0]
+    lower, upper, inertia = np.array([-1.0]), np.array([1.0]), np.eye(1)
+    largest, fastest = np.array([80.0]), np.array([2.0])
+    for deep, kept, rate in ((0.5, 0.0, 0.0), (0.5, 0.2, 0.0), (0.3, 0.0, 0.05),
+                             (0.3, 0.0, -0.05), (-0.5, 0.0, 0.0)):
+        position, velocity = np.array([side * (1.0 - margin * (1.0 - deep))]), side * rate
+        relief, torque, depth = np.array([kept * margin]), np.empty(1), np.empty(1)
+        violation = np.zeros(len(LIMITS))
+        torque_limits._guard_torque(position, np.array([velocity]), inertia, lower, upper,
+                                    largest, fastest, limits, relief, torque, depth, violation)
+        share = max(deep - kept, 0.0)
+        expected = -side * share * min(settings.joint_repulsion,
+                                       torque_limits.REPULSION_SHARE * 80.0)
+        if share > 0.0 and rate > 0.0:
+            expected -= share * settings.joint_brake * velocity
+        assert torque[0] == pytest.approx(expected)
+        assert depth[0] == pytest.approx(-side * share)
+        assert violation[JOINT_POSITION] == pytest.approx(max(deep, 0.0) * margin)
+        assert relief[0] == pytest.approx(kept * margin if deep > 0.0 else 0.0)
+
+
+def test_a_wrench_that_is_wished_is_corrected_by_what_is_missing(rng):
+    for _ in range(DRAWS):
+        reference, felt, before = np.zeros(TARGET_SIZE), rng.normal(size=6), rng.normal(size=6)
+        wished, gain = rng.normal(size=6), rng.choice([0.0, 3.0], 6)
+        reference[WRENCH:WRENCH + 6], reference[WRENCH_GAIN:WRENCH_GAIN + 6] = wished, gain
+        before[0], gain[0] = 0.9e-6, 0.0
+        reference[WRENCH_GAIN] = 0.0
+        correction = before.copy()
+        contact.correct(record(memory.SCALARS, dt=1e-3, feedback_force=1.5, feedback_torque=1e9),
+                        felt, correction, reference)
+        expected = np.where(gain > 0.0, before + 1e-3 * gain * (wished + felt),
+                            before * (1.0 - 1e-3 / contact.DECAY_S))
+        expected[:3] = within(expected[:3], 1.5)
+        expected[np.abs(expected) < 1e-6] = 0.0
+        np.testing.assert_allclose(correction, expected)
+        np.testing.assert_allclose(reference[WRENCH:WRENCH + 6], wished + expected)
+
+
+@pytest.mark.parametrize('part', [0, 1])
+def test_what_opposes_a_motion_is_a_collision_from_its_limit_on(part):
+    twist, at = np.zeros(6), slice(3 * part, 3 * part + 3)
+    twist[at] = [0.3, -0.4, 0.0]
+
+    def event(size, exerted=0.0):
+        scalars = record(memory.SCALARS, dt=1.0, collision_force=10.0, collision_torque=10.0)
+        felt, wrench, own = np.zeros((3, 6))
+        wrench[at], own[at] = -size * np.array([0.6, -0.8, 0.0]), exerted * np.array(
+            [0.6, -0.8, 0.0])
+        return contact.feel(scalars, felt, wrench, twist, own), scalars['against']
+    assert event(9.9)[0] == event(-20.0)[0] == contact.NOTHING
+    found, against = event(12.0)
+    assert found == (contact.FORCE, contact.TORQUE)[part] and against == pytest.approx(12.0)
+    # What the reference exerts itself is no collision.
+    assert event(12.0, exerted=5.0)[0] == contact.NOTHING
+    twist *= 0.001
+    assert event(12.0)[0] == contact.NOTHING
+
+
+def test_the_wrench_of_a_reference_acts_at_the_tool(measured, rng):
+    gains = numbers_of(ImpedanceGains())
+    target = resting_target(measured.pose, np.diag([400.0] * 3 + [30.0] * 3))
+    target[DAMPING_RATIO] = 0.7
+
+    def torque_of(wrench):
+        target[WRENCH:WRENCH + 6] = wrench
+        torque, force = np.empty(7), np.empty(6)
+        impedance.impedance_torque(
+            measured.position, np.zeros(7), measured.pose, measured.jacobian, measured.inertia,
+            measured.bias, np.zeros((2, 7)), target, measured.position, np.zeros(7), gains, 1.7,
+            np.zeros(7), torque, np.empty(6), force)
+        return torque, force
+    wrench = rng.normal(size=6)
+    torque, force = torque_of(wrench)
+    np.testing.assert_allclose(force, wrench, atol=1e-12)
+    np.testing.assert_allclose(torque - torque_of(np.zeros(6))[0], measured.jacobian.T @ wrench,
+                               atol=1e-9)
+
+
+def test_the_help_over_friction_is_as_large_as_a_delay_allows():
+    for dry, share, stiffness, inertia, ratio in ((1.0, 0.5, 100.0, 1.0, 0.7),
+                                                  (0.4, 0.3, 2000.0, 0.2, 1.0)):
+        factor = 2.0 * ratio * math.sqrt(inertia / stiffness) / REST_DELAY_S - 1.0
+        assert rest_scale(dry, share, stiffness, inertia, ratio) == pytest.approx(
+            max(share * dry / factor, LEAST_SCALE * dry))
+
+
+def test_joints_are_slowed_by_what_the_tool_is_too_fast(rng):
+    for _ in range(DRAWS):
+        velocity, bias, torque = 0.2 * rng.normal(size=7), *rng.normal(size=(2, 7))
+        jacobian, before = rng.normal(size=(6, 7)), torque.copy()
+        excess = law._slow_tool(jacobian, velocity, bias, 0.5, 40.0, torque)
+        moving, band = jacobian[:3] @ velocity, min(law.TOOL_SPEED_BAND, 0.25)
+        speed = np.linalg.norm(moving)
+        assert excess == pytest.approx(max(speed - 0.5 + band, 0.0))
+        if excess == 0.0:
+            np.testing.assert_array_equal(torque, before)
+            continue
+        left = max(1.0 - excess / band, 0.0) if (before - bias) @ velocity > 0.0 else 1.0
+        expected = bias + left * (before - bias) - jacobian[:3].T @ moving * 40.0 * excess / speed
+        np.testing.assert_allclose(torque, expected)
