@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from gdmp_ros.control import memory, servo
-from gdmp_ros.control.admittance import advance, AdmittanceSettings, external_wrench
+from gdmp_ros.control.admittance import AdmittanceSettings, advance, external_wrench
 from gdmp_ros.control.settings import ControllerSettings
 from gdmp_ros.control.weight import GRAVITY
 from gdmp_ros.kernels import records_at
