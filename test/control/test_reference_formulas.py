@@ -12,8 +12,10 @@ from scipy.optimize import approx_fprime
 
 from gdmp_ros.control import (
     governor,
+    limit_rows,
     memory,
     own_body,
+    reference_check,
     surroundings,
 )
 from gdmp_ros.control.kinematics import chain_state
@@ -35,7 +37,7 @@ from gdmp_ros.control.weight import is_weightless
 from gdmp_ros.scene.volume import HALF, MARGIN, POSE, RADIUS, THERE, TWIST, VOLUME_SIZE
 from gdmp_ros.sim import Arm, ClosedLoop
 from gdmp_ros.util.settings import numbers as numbers_of
-from test.control.formulas import DRAWS, pose_of, record, TWIST_OF, within
+from test.control.formulas import coupled, DRAWS, pose_of, record, TWIST_OF, within
 
 
 @pytest.fixture
@@ -209,9 +211,10 @@ def test_volumes_that_are_left_out_are_far(rng):
             assert is_far == (distance < between)
 
 
-@pytest.mark.parametrize('axis', [0, 1, 2])
-def test_a_fast_volume_has_rows_from_further_away(axis, loop):
+@pytest.mark.parametrize('way', [(1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 0), (1, 0, 1), (0, 1, 1)])
+def test_a_fast_volume_has_rows_from_further_away(way, loop):
     """From as far as it comes in the time in which an arm slows down."""
+    way = np.array(way) / np.linalg.norm(way)
     arm, shape = loop.arm, loop.arm.shape
     chain = arm.chain
     rows, bounds, ids = (np.zeros((surroundings.MOST_ROWS, 7)),
@@ -220,17 +223,19 @@ def test_a_fast_volume_has_rows_from_further_away(axis, loop):
     volume = volumes[0]
     volume[POSE + 3], volume[RADIUS], volume[MARGIN], volume[THERE] = 1.0, 0.05, 0.02, 1.0
     hand = own_body.placed(chain, shape, arm.home)[-1, :3]
-    volume[POSE:POSE + 3] = hand
-    volume[POSE + axis] -= 0.9
+    volume[POSE:POSE + 3] = hand - 0.9 * way
 
     def shared(speed):
-        volume[TWIST + axis] = speed
+        volume[TWIST:TWIST + 3] = speed * way
         return surroundings.surroundings_rows(
             *chain, arm.home, shape.capsules, volumes, 0.0, 6.5, 0.5, 0.0, 0, rows, bounds, ids,
             0)
     assert shared(0.0)[:2] == (0, 1.0)
     count, share, _, _ = shared(20.0)
     assert count > 0 and share < 1.0
+    assert surroundings.push_away(
+        *chain, arm.home, np.zeros(7), shape.capsules, volumes, 1e-3,
+        np.zeros((1, len(shape.capsules))), np.zeros(7)) < 1.0
 
 
 def test_the_end_of_a_link_that_is_the_nearest_point_has_one_row(loop):
@@ -430,3 +435,70 @@ def test_parts_of_an_arm_that_are_too_near_are_pushed_apart_by_a_potential(loop)
     # Parts that are far apart forget what did not act.
     folded = arm.home
     assert not torque_at(np.zeros(n), half).any() and half[0] == 0.0
+
+
+def test_a_position_is_moved_into_the_workspace(rng):
+    settings = LimitSettings()
+    low, high = np.array(settings.workspace_min), np.array(settings.workspace_max)
+    limits = numbers_of(settings).view(LIMIT_NUMBERS)[0]
+    for _ in range(DRAWS):
+        position = rng.uniform(low - 0.2, high + 0.2)
+        before, velocity, present = position.copy(), np.ones(3), 0.5 * (low + high)
+        outside = governor._move_into_workspace(position, velocity, present, limits)
+        np.testing.assert_allclose(position, np.clip(before, low, high))
+        assert outside == pytest.approx(np.linalg.norm(position - before))
+        np.testing.assert_array_equal(velocity, np.where(position == before, 1.0, 0.0))
+
+
+def test_a_barrier_begins_where_the_slack_does():
+    """A link that is one ball, so that the distance at which it is left out is exact."""
+    arm = Arm()
+    ball = np.zeros((1, own_body.CAPSULE_SIZE))
+    ball[0, 0], ball[0, 7] = 7, 0.03
+    center = own_body.placed(arm.chain, arm.shape._replace(capsules=ball), arm.home)[0, :3]
+    volumes = np.zeros((1, VOLUME_SIZE))
+    volume = volumes[0]
+    volume[POSE + 3], volume[RADIUS], volume[MARGIN], volume[THERE] = 1.0, 0.05, 0.02, 1.0
+    for deep in (0.05, 0.5, 1.0):
+        volume[POSE:POSE + 3] = center
+        volume[POSE] += 0.08 + volume[MARGIN] + (1.0 - deep) * surroundings.SLACK
+        torque = np.zeros(7)
+        surroundings.push_away(*arm.chain, arm.home, np.zeros(7), ball, volumes, 1e-3,
+                               np.zeros((1, 1)), torque)
+        slope = approx_fprime(arm.home, lambda q: float(own_body.placed(
+            arm.chain, arm.shape._replace(capsules=ball), q)[0, 0]), 1e-7)
+        force = surroundings.BARRIER * deep * surroundings.SLACK
+        np.testing.assert_allclose(torque, -force * slope, atol=1e-4 * force)
+
+
+def test_a_wall_and_a_joint_range_have_the_row_that_is_named_so(loop):
+    settings, n = LimitSettings(), 7
+    arm = memory.parts(loop.controller.numbers)
+    rows, bounds, ids = np.zeros((40, n)), np.zeros(40), np.zeros(40)
+    jacobian, pose = np.empty((6, n)), np.empty(7)
+    position = loop.arm.home
+    chain_state(*loop.arm.chain, arm.end, position, pose, jacobian)
+    for axis in range(3):
+        for side, wall in ((0, settings.workspace_min), (1, settings.workspace_max)):
+            near = pose.copy()
+            near[axis] = wall[axis] + (0.003 if side == 0 else -0.003)
+            count, _ = limit_rows.limit_rows(position, near, jacobian, arm.joint_limits,
+                                             numbers_of(settings), rows, bounds, ids)
+            at = list(ids[:count]).index(2 * n + 2 * axis + side)
+            sign = 1.0 if side else -1.0
+            np.testing.assert_allclose(rows[at], sign * jacobian[axis])
+            assert bounds[at] == pytest.approx(
+                limit_rows.approach(0.003, 0.5 * settings.acceleration))
+
+
+def test_a_stiffness_must_be_symmetric_and_positive_definite(rng):
+    for _ in range(DRAWS):
+        stiffness = coupled(rng)
+        assert reference_check._is_positive_definite(stiffness.reshape(-1))
+        values, vectors = np.linalg.eigh(stiffness)
+        values[rng.integers(6)] *= -0.5
+        wrong = (vectors * values) @ vectors.T
+        assert not reference_check._is_positive_definite(wrong.reshape(-1))
+        i, j = rng.choice(6, 2, replace=False)
+        stiffness[i, j] += 0.01 * np.abs(stiffness).max()
+        assert not reference_check._is_positive_definite(stiffness.reshape(-1))

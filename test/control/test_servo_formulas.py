@@ -82,6 +82,35 @@ def test_the_delay_is_where_commands_and_motion_are_alike(known, delay):
     np.testing.assert_array_equal(made.errors, errors)
 
 
+def test_a_late_tick_counts_as_the_cycles_that_have_passed(known):
+    made, s = known
+    made.past[:] = np.arange(len(made.past))[::-1, None]
+    for cycles in (1, 2, 3):
+        s.dt, before = cycles * CYCLE, made.past.copy()
+        made.command[0], made.command[1] = before[0], 0.0
+        servo._estimate_delay(made)
+        np.testing.assert_allclose(made.past[cycles:], before[:-cycles])
+
+
+def test_what_was_learned_of_the_delay_is_forgotten_slowly(known, rng):
+    made, s = known
+    made.past[:] = rng.normal(size=made.past.shape)
+    made.command[:], made.measured[0] = rng.normal(size=(2, 7)), rng.normal(size=7)
+    before = made.errors.copy()
+    servo._estimate_delay(made)
+    error = ((made.past - made.measured[0]) ** 2).sum(axis=1)
+    np.testing.assert_allclose(
+        made.errors, math.exp(-s.dt / servo.FORGETS_S) * before + s.dt * error)
+
+
+def test_a_delay_that_is_longer_than_all_is_the_longest(known):
+    made, s = known
+    made.errors[:], made.measured[0] = np.arange(len(made.errors))[::-1], 0.0
+    made.command[1] = 1e-2
+    servo._estimate_delay(made)
+    assert s.delay == pytest.approx(CYCLE * (len(made.errors) - 1))
+
+
 def test_what_hangs_at_the_sensor_is_subtracted_with_its_inertia(known, arm, rng):
     made, s = known
     s.senses, s.mass = 1.0, 1.3

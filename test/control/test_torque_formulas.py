@@ -305,3 +305,69 @@ def test_joints_are_slowed_by_what_the_tool_is_too_fast(rng):
         left = max(1.0 - excess / band, 0.0) if (before - bias) @ velocity > 0.0 else 1.0
         expected = bias + left * (before - bias) - jacobian[:3].T @ moving * 40.0 * excess / speed
         np.testing.assert_allclose(torque, expected)
+
+
+def test_the_inertia_of_the_tool_is_damped_at_singularities_on_its_diagonal(rng):
+    for _ in range(DRAWS):
+        jacobian, root = rng.normal(size=(6, 7)), rng.normal(size=(7, 7))
+        inertia, solved, inverse = root @ root.T + np.eye(7), np.empty((7, 6)), np.empty((6, 6))
+        impedance.task_inertia_inverse(inertia, jacobian, 0.3, solved, inverse)
+        expected = np.linalg.solve(inertia, jacobian.T)
+        np.testing.assert_allclose(solved, expected)
+        np.testing.assert_allclose(inverse, jacobian @ expected + 0.09 * np.eye(6))
+
+
+def test_a_wrench_is_scaled_as_a_whole(rng):
+    for _ in range(DRAWS):
+        wrench = 10.0 * rng.normal(size=6)
+        before = wrench.copy()
+        scale = impedance._limit_wrench(wrench, np.array([12.0, 9.0]))
+        sizes = np.linalg.norm(before[:3]), np.linalg.norm(before[3:])
+        assert scale == pytest.approx(min(1.0, 12.0 / sizes[0], 9.0 / sizes[1]))
+        np.testing.assert_allclose(wrench, scale * before)
+
+
+def test_springs_of_tool_and_posture_are_helped_over_friction(measured):
+    """The help at rest knows the torque of both springs, not that of the weight."""
+    gains = ImpedanceGains(friction_at_rest=0.5)
+    target = resting_target(measured.pose, np.diag([400.0] * 3 + [30.0] * 3))
+    target[:3] += [0.002, -0.001, 0.003]
+    target[DAMPING_RATIO] = 0.7
+
+    def torque_of(dry):
+        torque = np.empty(7)
+        impedance.impedance_torque(
+            measured.position, np.zeros(7), measured.pose, measured.jacobian, measured.inertia,
+            measured.bias, np.array([np.zeros(7), np.full(7, dry)]), target,
+            measured.position + 0.05, np.zeros(7), numbers_of(gains), 1.7, np.zeros(7), torque,
+            np.empty(6), np.empty(6))
+        return torque
+    pull = torque_of(0.0) - measured.bias
+    along = (np.diag(measured.jacobian.T @ target[STIFFNESS:STIFFNESS + 36].reshape(6, 6)
+                     @ measured.jacobian) + gains.posture_stiffness)
+    expected = [friction_torque(0.0, 1.1, 0.0, pull[i], gains.friction_smoothing, 0.5,
+                                rest_scale(1.1, 0.5, along[i], measured.inertia[i, i], 0.7))
+                for i in range(7)]
+    assert np.abs(expected).max() > 0.1
+    np.testing.assert_allclose(torque_of(1.1) - torque_of(0.0), expected, atol=1e-9)
+
+
+def test_what_the_joints_follow_depends_on_what_the_arm_does(loop, rng):
+    arm = memory.parts(loop.controller.numbers)
+    governed, reference, wanted = rng.normal(size=(3, 7))
+    arm.governed_rate[:], arm.joint_reference[7:14], arm.wanted_rate[:] = (governed, reference,
+                                                                           wanted)
+    for does, expected in ((TOOL_SPRING, governed), (JOINT_SPRINGS, reference),
+                           (memory.JOINT_MOTION, wanted), (memory.FREE, np.zeros(7))):
+        arm.scalars.does = does
+        law.finish(loop.controller.numbers, False)
+        np.testing.assert_array_equal(arm.rates, expected)
+
+
+def test_the_posture_changes_slowly(loop):
+    arm = memory.parts(loop.controller.numbers)
+    arm.scalars.does = TOOL_SPRING
+    arm.posture[:], arm.wanted_posture[:] = 0.0, [1.0, -1.0, 1e-6, -1e-6, 0.0, 0.5, -0.5]
+    law.compute(loop.controller.numbers)
+    step = law.POSTURE_RATE * arm.scalars.dt
+    np.testing.assert_allclose(arm.posture, np.clip(arm.wanted_posture, -step, step))
