@@ -96,6 +96,7 @@ def test_what_was_learned_of_the_delay_is_forgotten_slowly(known, rng):
     made, s = known
     made.past[:] = rng.normal(size=made.past.shape)
     made.command[:], made.measured[0] = rng.normal(size=(2, 7)), rng.normal(size=7)
+    made.errors[:] = rng.uniform(1.0, 2.0, len(made.errors))
     before = made.errors.copy()
     servo._estimate_delay(made)
     error = ((made.past - made.measured[0]) ** 2).sum(axis=1)

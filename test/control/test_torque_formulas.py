@@ -13,6 +13,7 @@ from gdmp_ros.control import (
     admittance,
     contact,
     impedance,
+    joint_path,
     joint_spring,
     law,
     memory,
@@ -23,6 +24,7 @@ from gdmp_ros.control.friction import friction_torque, LEAST_SCALE, REST_DELAY_S
 from gdmp_ros.control.limits import (
     JOINT_POSITION,
     LIMITS,
+    STIFFNESS_RATE,
     TOOL_SPEED,
 )
 from gdmp_ros.control.memory import JOINT_SPRINGS, TOOL_SPRING
@@ -40,6 +42,7 @@ from gdmp_ros.control.target import (
     WRENCH,
     WRENCH_GAIN,
 )
+from gdmp_ros.kernels import records_at
 from gdmp_ros.sim import Arm, ClosedLoop
 from gdmp_ros.util.settings import numbers as numbers_of
 from test.control.formulas import coupled, DRAWS, pose_of, record, turn_of, within
@@ -371,3 +374,50 @@ def test_the_posture_changes_slowly(loop):
     law.compute(loop.controller.numbers)
     step = law.POSTURE_RATE * arm.scalars.dt
     np.testing.assert_allclose(arm.posture, np.clip(arm.wanted_posture, -step, step))
+
+
+def test_limits_that_are_exceeded_are_counted_with_the_largest_excess(loop):
+    arm = memory.parts(loop.controller.numbers)
+    arm.counts[:], arm.recent[:] = 0.0, 0.0
+    for excess in (0.5, 0.7, 0.6):
+        arm.violation[:] = 0.0
+        arm.violation[STIFFNESS_RATE] = excess
+        law.finish(loop.controller.numbers, False)
+    assert arm.counts[STIFFNESS_RATE] == 3.0 and arm.recent[STIFFNESS_RATE] == 0.7
+    others = np.delete(np.arange(len(LIMITS)), STIFFNESS_RATE)
+    assert not arm.counts[others].any() and not arm.recent[others].any()
+
+
+@pytest.fixture
+def path(loop):
+    """A motion of the joints: they stand for a second, the torque of the second is measured."""
+    home = loop.arm.home
+    coefficients = np.zeros((1, joint_path.ORDER, 7))
+    coefficients[0, 0] = home
+    made = joint_path.JointPath(
+        np.zeros(len(joint_path.PROGRESS.names)), np.zeros(1), coefficients,
+        np.array([1]), np.zeros((1, 2)), np.zeros((5, 9)))
+    return made, records_at(made.progress, 0, 1, joint_path.PROGRESS)[0]
+
+
+def test_torques_are_summed_and_sampled_at_their_times(path):
+    made, p = path
+    position, due = np.arange(7.0), joint_path.SAMPLE_S
+    for k, time in enumerate((0.0, 0.4 * due, 1.1 * due, 1.2 * due)):
+        p.time = time
+        joint_path._sample(made, 0, position + k, 2.0 + k)
+    assert made.sums[0].tolist() == [2.0 + 3.0 + 4.0 + 5.0, 4.0] and p.sampled == 2.0
+    np.testing.assert_array_equal(made.samples[:2, :2], [[0.0, 2.0], [0.0, 4.0]])
+    np.testing.assert_array_equal(made.samples[1, 2:], position + 2)
+    assert p.next == pytest.approx(2.1 * due)
+
+
+def test_a_motion_of_the_joints_goes_on_until_it_has_arrived_or_has_a_problem(loop, path):
+    (made, p), numbers = path, loop.controller.numbers
+    p.seconds = 0.01
+    said = [joint_path.make_way(numbers, made, 1e-3) for _ in range(11)]
+    assert said[:9] == [0] * 9 and said[10] == joint_path.CALLED
+    assert p.time == pytest.approx(0.011) and p.problem == joint_path.FINE
+    p.time, made.coefficients[0, 0] = 0.0, loop.arm.home + 0.5
+    assert joint_path.make_way(numbers, made, 1e-3) == joint_path.CALLED
+    assert p.problem == joint_path.HELD and p.time == 0.0 and p.apart > 0.4
