@@ -401,11 +401,17 @@ def test_what_moves_towards_a_volume_is_pushed_harder(loop):
     np.testing.assert_allclose(torque_at(-0.1 * away), still, rtol=1e-6)
 
 
+def folded_of(arm):
+    """A posture in which parts of an arm are nearer than they may be."""
+    folded = np.array([0.0, -0.9, 0.0, -2.95, 0.0, 2.2, 0.785])
+    while own_body.clearances(arm.chain, arm.shape, folded).min() > 0.5 * own_body.KEEP:
+        folded[5] -= 0.005
+    return folded
+
+
 def test_parts_of_an_arm_that_are_too_near_are_pushed_apart_by_a_potential(loop):
     arm, body, n = loop.arm, loop.arm.shape, 7
-    folded = np.array([0.0, -0.9, 0.0, -2.95, 0.0, 2.2, 0.785])
-    while own_body.clearances(arm.chain, body, folded).min() > 0.5 * own_body.KEEP:
-        folded[5] -= 0.005
+    folded = folded_of(arm)
     nearest = own_body.clearances(arm.chain, body, folded).argmin()
     body = body._replace(pairs=body.pairs[nearest:nearest + 1])
 
@@ -502,3 +508,62 @@ def test_a_stiffness_must_be_symmetric_and_positive_definite(rng):
         i, j = rng.choice(6, 2, replace=False)
         stiffness[i, j] += 0.01 * np.abs(stiffness).max()
         assert not reference_check._is_positive_definite(stiffness.reshape(-1))
+
+
+def test_every_pair_that_binds_has_a_row_that_is_the_slope_of_its_distance(loop):
+    arm, body = loop.arm, loop.arm.shape
+    count = len(body.pairs)
+    for posture in (folded_of(arm), arm.home):
+        rows, bounds, ids = np.zeros((count + 3, 7)), *np.zeros((2, count + 3))
+        found = own_body.body_rows(*arm.chain, posture, body.capsules, body.pairs, 6.5, 0.5, 100,
+                                   rows, bounds, ids, 3)
+        clear = own_body.clearances(arm.chain, body, posture)
+        allowed = np.array([limit_rows.approach(c - own_body.KEEP, 6.5) for c in clear])
+        assert set(ids[3:found]) == set(100 + np.flatnonzero(allowed < 0.5))
+        for at in range(3, found):
+            pair = int(ids[at]) - 100
+            assert bounds[at] == pytest.approx(allowed[pair])
+            one = body._replace(pairs=body.pairs[pair:pair + 1])
+            slope = approx_fprime(posture, lambda q, one=one: own_body.clearances(
+                arm.chain, one, q)[0], 1e-7)
+            np.testing.assert_allclose(rows[at], -slope, atol=1e-5)
+    assert own_body.body_rows(*arm.chain, posture, body.capsules, np.zeros((0, 2)), 6.5, 0.5, 100,
+                              rows, bounds, ids, 3) == 3
+
+
+def test_every_volume_near_a_link_has_a_row_that_is_the_slope_of_its_distance(loop):
+    arm, body, n = loop.arm, loop.arm.shape, 7
+    ball = np.zeros((2, own_body.CAPSULE_SIZE))  # two links that are balls
+    ball[:, 0], ball[:, 7], ball[1, 1:7] = (6, 7), 0.03, [0.0, 0.0, 0.2] * 2
+    links = body._replace(capsules=ball)
+    centers = own_body.placed(arm.chain, links, arm.home)[:, :3]
+    volumes = np.zeros((2, VOLUME_SIZE))
+    volumes[:, POSE + 3] = volumes[:, THERE] = 1.0
+    volumes[:, RADIUS], volumes[:, MARGIN] = 0.05, 0.02
+    volumes[0, POSE:POSE + 3] = centers[0] + [0.12, 0.02, -0.03]
+    volumes[1, POSE:POSE + 3] = centers[1] + [-0.05, 0.15, -0.04]
+    volumes[1, TWIST:TWIST + 3] = [0.01, -0.03, 0.0]
+    rows, bounds, ids = (np.zeros((surroundings.MOST_ROWS, n)),
+                         *np.zeros((2, surroundings.MOST_ROWS)))
+    count, _, clearance, nearest = surroundings.surroundings_rows(
+        *arm.chain, arm.home, ball, volumes, 0.01, 6.5, 5.0, 0.0, 100, rows, bounds, ids, 0)
+
+    def distance(v, c, q):
+        center = own_body.placed(arm.chain, links, q)[c, :3]
+        return float(np.linalg.norm(center - volumes[v, POSE:POSE + 3]) - 0.08)
+    away = np.array([[distance(v, c, arm.home) for c in range(2)] for v in range(2)])
+    assert clearance == pytest.approx(away.min()) and nearest == away.argmin()
+    assert set(ids[:count]) == {100, 101, 102, 103}
+    for at in range(count):
+        v, c = divmod(int(ids[at]) - 100, 2)
+        slope = approx_fprime(arm.home, lambda q, v=v, c=c: distance(v, c, q), 1e-7)
+        np.testing.assert_allclose(rows[at], -slope, atol=1e-5)
+        way = centers[c] - volumes[v, POSE:POSE + 3]
+        coming = max(volumes[v, TWIST:TWIST + 3] @ way / np.linalg.norm(way), 0.0)
+        assert bounds[at] == pytest.approx(max(
+            limit_rows.approach(away[v, c] - 0.03, 6.5) - coming, 0.0))
+    # Without one near, there is no nearest one.
+    volumes[:, POSE] += 10.0
+    assert surroundings.surroundings_rows(
+        *arm.chain, arm.home, ball, volumes, 0.01, 6.5, 5.0, 0.0, 100, rows, bounds, ids,
+        0)[2:] == (surroundings.SEEN_FROM, -1)

@@ -421,3 +421,17 @@ def test_a_motion_of_the_joints_goes_on_until_it_has_arrived_or_has_a_problem(lo
     p.time, made.coefficients[0, 0] = 0.0, loop.arm.home + 0.5
     assert joint_path.make_way(numbers, made, 1e-3) == joint_path.CALLED
     assert p.problem == joint_path.HELD and p.time == 0.0 and p.apart > 0.4
+
+
+@pytest.mark.parametrize('retreat', [0.0, 0.2])
+def test_an_arm_beside_what_comes_is_braked_unless_it_may_retreat(retreat):
+    loop = ClosedLoop(Arm(), ControllerSettings(limits=LimitSettings(retreat_speed=retreat)))
+    loop.tick()
+    arm = memory.parts(loop.controller.numbers)
+    arm.velocity[:] = np.linspace(-0.02, 0.03, 7)
+    for slowed in (0.4, 1.0):
+        arm.scalars.slowed = slowed
+        law.finish(loop.controller.numbers, False)
+        left = 1.0 if retreat else slowed
+        np.testing.assert_allclose(
+            arm.push, -(1.0 - left) / law.STANDS_S * arm.inertia @ arm.velocity, atol=1e-12)
