@@ -166,7 +166,7 @@ def go(loop: ClosedLoop, pose: np.ndarray, seconds: float) -> tuple[float, float
 def postures(loop: ClosedLoop, rng: np.random.Generator, count: int, spread: float
              ) -> list[np.ndarray]:
     """
-    Postures with the tool in the workspace.
+    Postures with the tool in the workspace, and no parts of the arm too near to each other.
 
     :param spread: largest distance of a joint from home [rad]; inf: anywhere in its range
     """
@@ -177,7 +177,8 @@ def postures(loop: ClosedLoop, rng: np.random.Generator, count: int, spread: flo
         posture = rng.uniform(np.maximum(low, arm.home - spread),
                               np.minimum(high, arm.home + spread))
         place = arm.chain.pose_at(posture, arm.end_pose)[:3]
-        if place[2] > 0.02 and np.abs(place).max() < 0.99:
+        if (place[2] > 0.02 and np.abs(place).max() < 0.99
+                and clearances(arm.chain, arm.shape, posture).min() > KEEP):
             found.append(posture)
     return found
 
