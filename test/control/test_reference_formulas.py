@@ -147,6 +147,17 @@ def test_joints_are_slowed_where_the_tool_would_be_too_fast(loop, rng):
     assert 5 <= slowed < 20
 
 
+def test_joints_that_make_no_way_are_noticed_if_they_are_off_their_target(loop):
+    numbers, home = loop.controller.numbers, loop.arm.home
+    arm = memory.parts(numbers)
+    for off in (0.0, 0.1, -0.1):
+        arm.scalars.way, arm.scalars.allowed, arm.scalars.permitted = 1.0, 0.0, 0.0
+        arm.joint_reference[:7], arm.joint_target[:7] = home, home + off
+        rates = np.ones(7)
+        assert governor.keep_joints_inside(numbers, np.ones(7), rates) and not rates.any()
+        assert (arm.scalars.way < 1.0) == (off != 0.0)
+
+
 def test_the_share_of_the_way_follows_smoothly():
     s = record(memory.SCALARS, dt=1e-3, permitted=1.0, allowed=0.5)
     governor.hold_back_smoothly(s)
@@ -513,7 +524,7 @@ def test_a_stiffness_must_be_symmetric_and_positive_definite(rng):
 def test_every_pair_that_binds_has_a_row_that_is_the_slope_of_its_distance(loop):
     arm, body = loop.arm, loop.arm.shape
     count = len(body.pairs)
-    for posture in (folded_of(arm), arm.home):
+    for posture in (folded_of(arm), arm.home, folded_of(arm) + [0.4, 0, 0, 0, 0.1, 0, 0]):
         rows, bounds, ids = np.zeros((count + 3, 7)), *np.zeros((2, count + 3))
         found = own_body.body_rows(*arm.chain, posture, body.capsules, body.pairs, 6.5, 0.5, 100,
                                    rows, bounds, ids, 3)
@@ -531,32 +542,35 @@ def test_every_pair_that_binds_has_a_row_that_is_the_slope_of_its_distance(loop)
                               rows, bounds, ids, 3) == 3
 
 
-def test_every_volume_near_a_link_has_a_row_that_is_the_slope_of_its_distance(loop):
+@pytest.mark.parametrize('order', [1, -1])
+def test_every_volume_near_a_link_has_a_row_that_is_the_slope_of_its_distance(loop, order):
     arm, body, n = loop.arm, loop.arm.shape, 7
+    posture = arm.home + [0.5, 0.2, -0.3, 0.1, 0.4, -0.2, 0.3]
     ball = np.zeros((2, own_body.CAPSULE_SIZE))  # two links that are balls
     ball[:, 0], ball[:, 7], ball[1, 1:7] = (6, 7), 0.03, [0.0, 0.0, 0.2] * 2
     links = body._replace(capsules=ball)
-    centers = own_body.placed(arm.chain, links, arm.home)[:, :3]
+    centers = own_body.placed(arm.chain, links, posture)[:, :3]
     volumes = np.zeros((2, VOLUME_SIZE))
     volumes[:, POSE + 3] = volumes[:, THERE] = 1.0
     volumes[:, RADIUS], volumes[:, MARGIN] = 0.05, 0.02
     volumes[0, POSE:POSE + 3] = centers[0] + [0.12, 0.02, -0.03]
     volumes[1, POSE:POSE + 3] = centers[1] + [-0.05, 0.15, -0.04]
     volumes[1, TWIST:TWIST + 3] = [0.01, -0.03, 0.0]
+    volumes = volumes[::order].copy()
     rows, bounds, ids = (np.zeros((surroundings.MOST_ROWS, n)),
                          *np.zeros((2, surroundings.MOST_ROWS)))
     count, _, clearance, nearest = surroundings.surroundings_rows(
-        *arm.chain, arm.home, ball, volumes, 0.01, 6.5, 5.0, 0.0, 100, rows, bounds, ids, 0)
+        *arm.chain, posture, ball, volumes, 0.01, 6.5, 5.0, 0.0, 100, rows, bounds, ids, 0)
 
     def distance(v, c, q):
         center = own_body.placed(arm.chain, links, q)[c, :3]
         return float(np.linalg.norm(center - volumes[v, POSE:POSE + 3]) - 0.08)
-    away = np.array([[distance(v, c, arm.home) for c in range(2)] for v in range(2)])
+    away = np.array([[distance(v, c, posture) for c in range(2)] for v in range(2)])
     assert clearance == pytest.approx(away.min()) and nearest == away.argmin()
     assert set(ids[:count]) == {100, 101, 102, 103}
     for at in range(count):
         v, c = divmod(int(ids[at]) - 100, 2)
-        slope = approx_fprime(arm.home, lambda q, v=v, c=c: distance(v, c, q), 1e-7)
+        slope = approx_fprime(posture, lambda q, v=v, c=c: distance(v, c, q), 1e-7)
         np.testing.assert_allclose(rows[at], -slope, atol=1e-5)
         way = centers[c] - volumes[v, POSE:POSE + 3]
         coming = max(volumes[v, TWIST:TWIST + 3] @ way / np.linalg.norm(way), 0.0)
@@ -565,5 +579,5 @@ def test_every_volume_near_a_link_has_a_row_that_is_the_slope_of_its_distance(lo
     # Without one near, there is no nearest one.
     volumes[:, POSE] += 10.0
     assert surroundings.surroundings_rows(
-        *arm.chain, arm.home, ball, volumes, 0.01, 6.5, 5.0, 0.0, 100, rows, bounds, ids,
+        *arm.chain, posture, ball, volumes, 0.01, 6.5, 5.0, 0.0, 100, rows, bounds, ids,
         0)[2:] == (surroundings.SEEN_FROM, -1)

@@ -98,6 +98,7 @@ def test_the_stiffness_of_a_joint_grows_as_far_as_there_is_energy(error):
         most = energy_of_joint(150.0, error) - energy_of_joint(100.0, error)
         assert drawn == pytest.approx(min(budget, most), abs=1e-12)
         assert violation[ENERGY] == pytest.approx(max(most - budget, 0.0), abs=1e-12)
+        assert violation[STIFFNESS_RATE] == pytest.approx((math.log(2.0) - math.log(1.5)) / 1e-3)
 
 
 def test_the_stiffness_of_a_joint_falls_only_as_fast_as_the_torque_may():
@@ -205,6 +206,47 @@ def test_a_stiffness_grows_by_what_may_be_drawn_also_beyond_the_bounds_of_its_fo
         reached += abs(drawn - budget) < 1e-4
         assert np.linalg.eigvalsh(target.reshape(6, 6)).min() > 0.0
     assert reached > 10
+
+
+def test_modes_that_need_no_energy_grow_whatever_others_need():
+    gains, spring_numbers = numbers_of(ImpedanceGains()), np.empty(spring.SPRING_SIZE)
+    old, wanted = np.diag([400.0] * 3 + [30.0] * 3), np.diag([800.0] * 3 + [60.0] * 3)
+    error = np.array([0.0, 0.0, 0.0, 0.02, 0.0, 0.0])
+    for budget, grown in ((1e9, 2.0), (0.003, 1.0 + 0.0005 / 0.006)):
+        target = wanted.reshape(-1).copy()
+        spring.make_spring(old.reshape(-1), gains, spring_numbers)
+        drawn, missing = energy_budget._change_stiffness(
+            old.reshape(-1), target, error, gains, 1.0, budget, spring_numbers,
+            np.zeros(len(LIMITS)))
+        np.testing.assert_allclose(np.diag(target.reshape(6, 6)),
+                                   [800.0] * 3 + [30.0 * grown, 60.0, 60.0])
+        assert drawn == pytest.approx(0.006 * (grown - 1.0))
+        assert missing == pytest.approx(0.006 * (2.0 - grown), abs=1e-12)
+
+
+def test_stiffness_and_motion_together_draw_what_there_is(loop, rng):
+    numbers = loop.controller.numbers
+    arm, limited = memory.parts(numbers), 0
+    pose, jacobian = np.empty(7), np.empty((6, 7))
+    for _ in range(DRAWS):
+        arm.governed[:] = loop.arm.home + 0.03 * rng.normal(size=7)
+        chain_state(*loop.arm.chain, arm.end, arm.governed, pose, jacobian)
+        arm.reference[:7], arm.governed_rate[:] = pose, rng.normal(size=7)
+        arm.reference[STIFFNESS:STIFFNESS + 36] = np.diag([400.0] * 3 + [30.0] * 3).reshape(-1)
+        arm.target[STIFFNESS:STIFFNESS + 36] = np.diag([500.0] * 3 + [35.0] * 3).reshape(-1)
+        arm.violation[:] = 0.0
+        before = spring.stored_energy(arm.pose, arm.reference, arm.gains)
+        budget = rng.uniform(0.0, 0.1)
+        drawn, stored = energy_budget.apply_energy_budget(numbers, 1.0, budget)
+        after = spring.stored_energy(arm.pose, arm.reference, arm.gains)
+        assert stored == pytest.approx(after) and drawn == pytest.approx(after - before, abs=1e-9)
+        assert drawn <= budget + 1e-9
+        short = arm.violation[ENERGY]
+        assert short == 0.0 or short > 1e-12
+        limited += short > 0.0
+        if short == 0.0:
+            np.testing.assert_allclose(arm.reference[STIFFNESS], 500.0)
+    assert 5 < limited < DRAWS
 
 
 def test_a_reference_moves_as_far_as_there_is_energy(loop, rng):

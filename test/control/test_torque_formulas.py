@@ -20,7 +20,13 @@ from gdmp_ros.control import (
     plain_tick,
     torque_limits,
 )
-from gdmp_ros.control.friction import friction_torque, LEAST_SCALE, REST_DELAY_S, rest_scale
+from gdmp_ros.control.friction import (
+    friction_torque,
+    LEAST_SCALE,
+    REST_DELAY_S,
+    rest_scale,
+    without_friction,
+)
 from gdmp_ros.control.limits import (
     JOINT_POSITION,
     LIMITS,
@@ -181,6 +187,22 @@ def test_an_external_wrench_is_found_from_the_torques_that_it_makes(measured, rn
         np.testing.assert_allclose(found, np.tile(wrench, (2, 1)), atol=1e-5)
 
 
+def test_the_friction_that_is_known_is_taken_from_an_external_torque(rng):
+    external, velocity, result = *rng.normal(size=(2, 7)), np.empty(7)
+    dry = np.array([0.0, 1.0, 2.0, 0.0, 0.5, 1.5, 1.0])
+    without_friction(external, velocity, dry, 0.1, result)
+    np.testing.assert_allclose(result, external + dry * np.tanh(velocity / 0.1))
+
+
+def test_walls_push_a_tool_that_follows_poses_only(loop):
+    arm = memory.parts(loop.controller.numbers)
+    arm.pose[2], arm.outside[:] = LimitSettings().workspace_min[2] - 0.002, 0.0
+    for does in (TOOL_SPRING, JOINT_SPRINGS):
+        arm.scalars.does = does
+        law.finish(loop.controller.numbers, False)
+        assert arm.push.any() == (does == TOOL_SPRING)
+
+
 def test_friction_at_a_guided_tool_is_against_its_motion(rng):
     for _ in range(DRAWS):
         velocity, bias, jacobian = rng.normal(size=7), rng.normal(size=7), rng.normal(size=(6, 7))
@@ -262,7 +284,9 @@ def test_what_opposes_a_motion_is_a_collision_from_its_limit_on(part):
     assert found == (contact.FORCE, contact.TORQUE)[part] and against == pytest.approx(12.0)
     # What the reference exerts itself is no collision.
     assert event(12.0, exerted=5.0)[0] == contact.NOTHING
-    twist *= 0.001
+    twist *= 0.02  # 0.01 m/s is a motion, 0.01 rad/s is none
+    assert event(12.0)[0] == (contact.FORCE, contact.NOTHING)[part]
+    twist *= 0.1
     assert event(12.0)[0] == contact.NOTHING
 
 
