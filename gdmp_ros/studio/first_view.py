@@ -46,6 +46,17 @@ def _axes(forward: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return forward, right, np.cross(right, forward)
 
 
+def extent(path: np.ndarray | None) -> float:
+    """
+    Diagonal of the box around a path [m]; 0 if nothing moves.
+
+    :param path: positions, shape (n, 3) [m]
+    """
+    if path is None or len(path) < 2 or np.ptp(path, axis=0).max() < 1e-4:
+        return 0.0
+    return float(np.linalg.norm(np.ptp(path, axis=0)))
+
+
 def first_view(path: np.ndarray | None, aspect: float = 1.0, covered: float = 0.0) -> View:
     """
     The view in which a path is seen from its broad side, and the arm not in front of it.
@@ -54,13 +65,13 @@ def first_view(path: np.ndarray | None, aspect: float = 1.0, covered: float = 0.
     :param aspect: width of the picture / its height
     :param covered: share of the height that something covers, from below
     """
-    if path is None or len(path) < 2 or np.ptp(path, axis=0).max() < 1e-4:
+    size = extent(path)
+    if path is None or size == 0.0:
         return View(np.array(_EYE), np.array(_LOOKED_AT))
     middle = 0.5 * (path.min(axis=0) + path.max(axis=0))
     outwards = middle * [1.0, 1.0, 0.0]
     outwards /= max(float(np.linalg.norm(outwards)), 1e-9)
     best, chosen, across = -np.inf, np.zeros(3), 0.0
-    size = float(np.linalg.norm(np.ptp(path, axis=0)))
     for around in np.radians(_AROUND):
         for above in np.radians(_ABOVE):
             way = np.array([np.cos(around) * np.cos(above), np.sin(around) * np.cos(above),

@@ -11,7 +11,7 @@ import viser
 from gdmp_ros.scene import Volume
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.urdf import Shape, shapes
-from gdmp_ros.studio.first_view import FIELD_OF_VIEW, first_view, View
+from gdmp_ros.studio.first_view import extent, FIELD_OF_VIEW, first_view, View
 from gdmp_ros.studio.motion import ShownMotion
 from gdmp_ros.view import style
 
@@ -167,7 +167,7 @@ class Scene:
     def look(self, path: np.ndarray | None) -> None:
         """Look at a path: in browsers that come, and in those that are there; see `first_view`."""
         self._looked_at = path
-        size = _USUAL if path is None else float(np.linalg.norm(np.ptp(path, axis=0)))
+        size = extent(path) or _USUAL
         self._scale = min(max(size / _USUAL, _LEAST_SCALE), 1.0)
         for ball in self._marks.values():
             ball.scale = self._scale
