@@ -21,6 +21,7 @@ from gdmp_ros.control import (
 from gdmp_ros.control.kinematics import chain_state
 from gdmp_ros.control.limits import (
     LIMITS,
+    SINGULARITY,
 )
 from gdmp_ros.control.settings import (
     ControllerSettings,
@@ -28,6 +29,7 @@ from gdmp_ros.control.settings import (
     LIMIT_NUMBERS,
     LimitSettings,
 )
+from gdmp_ros.control.singularity import singular_value
 from gdmp_ros.control.target import (
     ACCELERATION,
     resting_target,
@@ -581,3 +583,108 @@ def test_every_volume_near_a_link_has_a_row_that_is_the_slope_of_its_distance(lo
     assert surroundings.surroundings_rows(
         *arm.chain, posture, ball, volumes, 0.01, 6.5, 5.0, 0.0, 100, rows, bounds, ids,
         0)[2:] == (surroundings.SEEN_FROM, -1)
+
+
+@pytest.fixture
+def governed(loop):
+    """Memory of an arm whose reference is where it is; and a call of the problem of all limits."""
+    numbers = loop.controller.numbers
+    arm = memory.parts(numbers)
+
+    def solved(posture, twist, **known):
+        jacobian, violation = np.empty((6, 7)), np.zeros(len(LIMITS))
+        arm.governed[:], arm.posture[:], arm.governed_rate[:] = posture, posture, 0.0
+        chain_state(*loop.arm.chain, arm.end, arm.governed, arm.reference[:7], jacobian)
+        for name, value in known.items():
+            setattr(arm.scalars, name, value)
+        made = np.array(twist, dtype=float)
+        blocking, _ = governor._move_joints(numbers, jacobian, made, violation)
+        return int(blocking), made, violation, jacobian
+    return loop, arm, solved
+
+
+def test_a_singular_direction_is_named_with_how_near_it_is(governed):
+    _, _, solved = governed
+    settings, direction = LimitSettings(), np.empty(6)
+    for bend in (-0.55, -0.4):
+        posture = np.array([0.0, 0.5, 0.0, bend, 0.0, 1.5, 0.785])
+        jacobian = solved(posture, np.zeros(6))[3]
+        value = singular_value(jacobian, direction)
+        assert value < settings.singularity_start
+        # The direction in which the arm cannot move, towards the singularity.
+        blocking, _, violation, _ = next(
+            found for found in (solved(posture, 0.3 * sign * direction) for sign in (1.0, -1.0))
+            if found[2][SINGULARITY] > 0.0)
+        assert blocking == 2 * 7 + 6
+        assert violation[SINGULARITY] == pytest.approx(min(
+            (settings.singularity_start - value)
+            / (settings.singularity_start - settings.singularity_stop), 1.0))
+
+
+def test_a_free_reference_has_the_speed_of_references_and_one_that_returns_that_of_catching_up(
+        governed):
+    loop, _, solved = governed
+    settings, twist = LimitSettings(), [0.0, 0.4, 0.0, 0.0, 0.0, 0.0]
+    assert settings.catch_up_speed < 0.4 < settings.speed
+    blocking, made, _, _ = solved(loop.arm.home, twist, returns=0.0)
+    assert blocking == -1
+    np.testing.assert_allclose(made, twist, atol=1e-3)
+
+
+@pytest.mark.parametrize('retreat', [0.0, 0.2])
+def test_what_comes_nearer_is_named_by_its_volume_and_link(retreat):
+    loop = ClosedLoop(Arm(), ControllerSettings(limits=LimitSettings(retreat_speed=retreat)))
+    loop.tick()
+    numbers, n = loop.controller.numbers, 7
+    arm, shape = memory.parts(numbers), loop.arm.shape
+    m = arm.capsules.shape[0]
+    hand = own_body.placed(loop.arm.chain, shape, loop.arm.home)[-1]
+    arm.volumes[:] = 0.0
+    for v in (0, 1):
+        volume = arm.volumes[v]
+        volume[POSE:POSE + 3] = hand[:3] + [3.0 - 2.8 * v, 0.0, 0.0]
+        volume[POSE + 3], volume[RADIUS], volume[MARGIN], volume[THERE] = 1.0, 0.05, 0.02, 1.0
+    jacobian = np.empty((6, n))
+    arm.governed[:] = arm.posture[:] = loop.arm.home
+    chain_state(*loop.arm.chain, arm.end, arm.governed, arm.reference[:7], jacobian)
+    arm.scalars.left, made = 0.0, np.array([0.0, 0.2, 0.0, 0.0, 0.0, 0.0])
+    blocking, _ = governor._move_joints(numbers, jacobian, made, np.zeros(len(LIMITS)))
+    if retreat:
+        assert arm.scalars.slowed == 1.0
+        return
+    assert arm.scalars.slowed == 0.0 and not made.any()
+    at = int(blocking) - 2 * n - limit_rows.OTHER_ROWS - len(shape.pairs)
+    assert at == arm.scalars.nearest and at // m == 1
+
+
+def test_a_pair_of_parts_that_holds_the_joints_is_named(loop):
+    numbers, n = loop.controller.numbers, 7
+    arm, shape = memory.parts(numbers), loop.arm.shape
+    folded = folded_of(loop.arm)
+    clear = own_body.clearances(loop.arm.chain, shape, folded)
+    pair = int(clear.argmin())
+    one = shape._replace(pairs=shape.pairs[pair:pair + 1])
+    nearer = -approx_fprime(folded, lambda q: own_body.clearances(loop.arm.chain, one, q)[0], 1e-7)
+    nearer /= np.linalg.norm(nearer)
+    arm.joint_reference[:n], arm.joint_target[:n] = folded, folded + 0.3 * nearer
+    for _ in range(300):
+        asked = 0.2 * nearer
+        governor.keep_joints_inside(numbers, asked, asked.copy())
+    named = int(arm.scalars.blocking) - 2 * n - limit_rows.OTHER_ROWS
+    assert 0 <= named < len(shape.pairs) and clear[named] < own_body.KEEP
+
+
+def test_a_motion_of_the_joints_may_come_a_millimetre_nearer(loop):
+    numbers = loop.controller.numbers
+    arm, shape = memory.parts(numbers), loop.arm.shape
+    hand = own_body.placed(loop.arm.chain, shape, arm.position)[-1]
+    arm.volumes[:] = 0.0
+    volume = arm.volumes[0]
+    volume[POSE + 3], volume[RADIUS], volume[MARGIN], volume[THERE] = 1.0, 0.05, 0.02, 1.0
+    lowest = min(hand[:3], hand[3:6], key=lambda end: end[2])
+    for inside, free in ((0.0005, True), (0.0015, False)):
+        volume[POSE:POSE + 3] = lowest - [0.0, 0.0, hand[6] + 0.07 - inside]
+        jacobian, pose = np.empty((6, 7)), np.empty(7)
+        chain_state(*loop.arm.chain, arm.end, arm.position, pose, jacobian)
+        down = np.linalg.lstsq(jacobian, np.array([0.0, 0.0, -0.05, 0.0, 0.0, 0.0]))[0]
+        assert (governor.share_of_way(numbers, down) > 0.0) == free
