@@ -606,7 +606,7 @@ def governed(loop):
 def test_a_singular_direction_is_named_with_how_near_it_is(governed):
     _, _, solved = governed
     settings, direction = LimitSettings(), np.empty(6)
-    for bend in (-0.55, -0.4):
+    for bend in (-0.9, -0.7, -0.4):
         posture = np.array([0.0, 0.5, 0.0, bend, 0.0, 1.5, 0.785])
         jacobian = solved(posture, np.zeros(6))[3]
         value = singular_value(jacobian, direction)
@@ -619,6 +619,20 @@ def test_a_singular_direction_is_named_with_how_near_it_is(governed):
         assert violation[SINGULARITY] == pytest.approx(min(
             (settings.singularity_start - value)
             / (settings.singularity_start - settings.singularity_stop), 1.0))
+
+
+def test_a_volume_that_holds_the_tool_is_named(governed):
+    loop, arm, solved = governed
+    m, n = arm.capsules.shape[0], 7
+    hand = own_body.placed(loop.arm.chain, loop.arm.shape, loop.arm.home)[-1]
+    arm.volumes[:] = 0.0
+    volume = arm.volumes[2]
+    lowest = min(hand[:3], hand[3:6], key=lambda end: end[2])
+    volume[POSE:POSE + 3] = lowest - [0.0, 0.0, hand[6] + 0.05 + 0.02 + surroundings.SLACK]
+    volume[POSE + 3], volume[RADIUS], volume[MARGIN], volume[THERE] = 1.0, 0.05, 0.02, 1.0
+    blocking, made, _, _ = solved(loop.arm.home, [0.0, 0.0, -0.2, 0.0, 0.0, 0.0])
+    v, c = divmod(blocking - 2 * n - limit_rows.OTHER_ROWS - len(loop.arm.shape.pairs), m)
+    assert v == 2 and 0 <= c < m and made[2] > -0.1
 
 
 def test_a_free_reference_has_the_speed_of_references_and_one_that_returns_that_of_catching_up(
