@@ -631,8 +631,8 @@ def test_a_volume_that_holds_the_tool_is_named(governed):
     volume[POSE:POSE + 3] = lowest - [0.0, 0.0, hand[6] + 0.05 + 0.02 + surroundings.SLACK]
     volume[POSE + 3], volume[RADIUS], volume[MARGIN], volume[THERE] = 1.0, 0.05, 0.02, 1.0
     blocking, made, _, _ = solved(loop.arm.home, [0.0, 0.0, -0.2, 0.0, 0.0, 0.0])
-    v, c = divmod(blocking - 2 * n - limit_rows.OTHER_ROWS - len(loop.arm.shape.pairs), m)
-    assert v == 2 and 0 <= c < m and made[2] > -0.1
+    at = blocking - 2 * n - limit_rows.OTHER_ROWS - len(loop.arm.shape.pairs)
+    assert at == arm.scalars.nearest and at // m == 2 and made[2] > -0.1
 
 
 def test_a_free_reference_has_the_speed_of_references_and_one_that_returns_that_of_catching_up(
