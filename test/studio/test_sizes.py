@@ -88,12 +88,12 @@ def test_at_first_sight_the_path_fills_half_of_the_picture_beside_goal_and_arm(
         rows, columns = page.pixels_of('path')
         smaller = min(page.width, page.height)
         assert max(np.ptp(rows), np.ptp(columns)) >= 0.5 * smaller
-        # Where the view says that it is.
+        # Where the view says that it is; the balls of start and goal cover its ends.
         path = np.array([page.pixel(point) for point in of_skill(skill).poses[:, :3]])
         np.testing.assert_allclose([columns.min(), columns.max(), rows.min(), rows.max()],
                                    [*path[:, 0][[path[:, 0].argmin(), path[:, 0].argmax()]],
                                     *path[:, 1][[path[:, 1].argmin(), path[:, 1].argmax()]]],
-                                   atol=12.0)
+                                   atol=25.0)
         x, y = page.pixel(skill.goal[:3])
         assert 0 <= x <= page.width and 0 <= y <= page.height
         rows, columns = page.pixels_of('arm')
