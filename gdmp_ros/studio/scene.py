@@ -20,7 +20,7 @@ from gdmp_ros.view import style
 PHONE, COVERED = 576, 0.6
 #: Radius of a mark [m].
 _MARK = 0.008
-#: Diagonal of a path that is as large as its marks and handles suppose [m]; least of their scales.
+#: Marks and handles beside a path with a smaller diagonal [m] are smaller; the least scale.
 _USUAL, _LEAST_SCALE = 0.2, 0.1
 #: Thickness of lines [pixels].
 _LINE = 3.0

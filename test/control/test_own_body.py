@@ -16,18 +16,11 @@ from gdmp_ros.control.own_body import (
 from gdmp_ros.control.target import resting_target
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.chain import body_of
+from test.control.formulas import too_near
 
 
 def postures(arm, rng, count):
     return rng.uniform(arm.limits.lower, arm.limits.upper, (count, len(arm.home)))
-
-
-def too_near(arm):
-    """A posture in which the hand is half of the distance from the arm that it keeps."""
-    body, folded = arm.shape, np.array([0.0, -0.9, 0.0, -2.95, 0.0, 2.2, 0.785])
-    while clearances(arm.chain, body, folded).min() > 0.5 * KEEP:
-        folded[5] -= 0.005
-    return folded
 
 
 @pytest.mark.parametrize('kind', ['any', 'parallel', 'crossing', 'point'])

@@ -26,7 +26,6 @@ from gdmp_ros.control.limits import (
 from gdmp_ros.control.settings import (
     ControllerSettings,
     ImpedanceGains,
-    LIMIT_NUMBERS,
     LimitSettings,
 )
 from gdmp_ros.control.singularity import singular_value
@@ -36,18 +35,36 @@ from gdmp_ros.control.target import (
     TARGET_SIZE,
 )
 from gdmp_ros.control.weight import is_weightless
-from gdmp_ros.scene.volume import HALF, MARGIN, POSE, RADIUS, THERE, TWIST, VOLUME_SIZE
+from gdmp_ros.scene.volume import HALF, POSE, RADIUS, TWIST, VOLUME_SIZE
 from gdmp_ros.sim import Arm, ClosedLoop
 from gdmp_ros.util.settings import numbers as numbers_of
-from test.control.formulas import coupled, DRAWS, pose_of, record, TWIST_OF, within
+from test.control.formulas import (
+    BALL,
+    ball,
+    coupled,
+    DRAWS,
+    HERE,
+    limit_record,
+    MARGIN,
+    PLAIN,
+    pose_of,
+    record,
+    too_near,
+    TWIST_OF,
+    within,
+)
 
 
-@pytest.fixture
-def loop():
-    """An arm that has made a tick."""
-    made = ClosedLoop(Arm(), ControllerSettings())
-    made.tick()
-    return made
+def empty_rows(count):
+    """Rows, bounds and ids to be written."""
+    return np.zeros((count, 7)), *np.zeros((2, count))
+
+
+def ball_below(arm, position, away):
+    """A ball that is this far below the lower end of the hand."""
+    hand = own_body.placed(arm.chain, arm.shape, position)[-1]
+    lowest = min(hand[:3], hand[3:6], key=lambda end: end[2])
+    return ball(lowest - [0.0, 0.0, hand[6] + BALL + away])
 
 
 def test_the_acceleration_and_its_change_are_limited_together(rng):
@@ -110,7 +127,7 @@ def test_a_reference_without_way_is_counted_and_named_until_it_makes_way():
 
 
 def test_joints_go_to_the_posture_slowly_or_all_together(rng):
-    limits = numbers_of(LimitSettings()).view(LIMIT_NUMBERS)[0]
+    limits = limit_record()
     for _ in range(DRAWS):
         position, posture, last = rng.normal(size=(3, 7))
         rates = np.empty(7)
@@ -229,50 +246,36 @@ def test_a_fast_volume_has_rows_from_further_away(way, loop):
     """From as far as it comes in the time in which an arm slows down."""
     way = np.array(way) / np.linalg.norm(way)
     arm, shape = loop.arm, loop.arm.shape
-    chain = arm.chain
-    rows, bounds, ids = (np.zeros((surroundings.MOST_ROWS, 7)),
-                         *np.zeros((2, surroundings.MOST_ROWS)))
-    volumes = np.zeros((1, VOLUME_SIZE))
-    volume = volumes[0]
-    volume[POSE + 3], volume[RADIUS], volume[MARGIN], volume[THERE] = 1.0, 0.05, 0.02, 1.0
-    hand = own_body.placed(chain, shape, arm.home)[-1, :3]
-    volume[POSE:POSE + 3] = hand - 0.9 * way
+    hand = own_body.placed(arm.chain, shape, arm.home)[-1, :3]
+    still, fast = (ball(hand - 0.9 * way, speed * way)[None] for speed in (0.0, 20.0))
 
-    def shared(speed):
-        volume[TWIST:TWIST + 3] = speed * way
+    def shared(volumes):
         return surroundings.surroundings_rows(
-            *chain, arm.home, shape.capsules, volumes, 0.0, 6.5, 0.5, 0.0, 0, rows, bounds, ids,
-            0)
-    assert shared(0.0)[:2] == (0, 1.0)
-    count, share, _, _ = shared(20.0)
+            *arm.chain, arm.home, shape.capsules, volumes, 0.0, 6.5, 0.5, 0.0, 0,
+            *empty_rows(surroundings.MOST_ROWS), 0)
+    assert shared(still)[:2] == (0, 1.0)
+    count, share, _, _ = shared(fast)
     assert count > 0 and share < 1.0
     assert surroundings.push_away(
-        *chain, arm.home, np.zeros(7), shape.capsules, volumes, 1e-3,
+        *arm.chain, arm.home, np.zeros(7), shape.capsules, fast, 1e-3,
         np.zeros((1, len(shape.capsules))), np.zeros(7)) < 1.0
 
 
 def test_the_end_of_a_link_that_is_the_nearest_point_has_one_row(loop):
     arm, shape = loop.arm, loop.arm.shape
-    m, seen = len(shape.capsules), set()
-    placed = own_body.placed(arm.chain, shape, arm.home)
-    for c in range(m):
-        rows, bounds, ids = (np.zeros((surroundings.MOST_ROWS, 7)),
-                             *np.zeros((2, surroundings.MOST_ROWS)))
+    seen, placed = set(), own_body.placed(arm.chain, shape, arm.home)
+    for c in range(len(shape.capsules)):
         first, second, radius = placed[c, :3], placed[c, 3:6], placed[c, 6]
         length = np.linalg.norm(second - first)
         if shape.capsules[c, 0] == 0.0 or length < 0.05:
             continue
         for t, places in ((0.0, 2), (1.0, 2), (0.5, 3)):
-            volumes = np.zeros((1, VOLUME_SIZE))
-            volume = volumes[0]
             way = np.cross(second - first, [0.3, 0.5, 0.8])
             way /= np.linalg.norm(way)
-            volume[POSE:POSE + 3] = first + t * (second - first) + (radius + 0.1) * way
-            volume[POSE + 3], volume[RADIUS], volume[THERE] = 1.0, 0.01, 1.0
-            volume[MARGIN] = 0.02
+            small = ball(first + t * (second - first) + (radius + 0.1) * way, radius=0.01)
             count, *_ = surroundings.surroundings_rows(
-                *arm.chain, arm.home, shape.capsules[c:c + 1], volumes, 0.0, 0.5, 10.0, 0.0, 0,
-                rows, bounds, ids, 0)
+                *arm.chain, arm.home, shape.capsules[c:c + 1], small[None], 0.0, 0.5, 10.0, 0.0, 0,
+                *empty_rows(surroundings.MOST_ROWS), 0)
             assert count == places
             seen.add(t)
     assert len(seen) == 3
@@ -299,10 +302,7 @@ def test_a_volume_comes_nearer_by_its_twist(rng):
 def test_a_link_is_pushed_from_a_volume_by_a_potential(loop, rng):
     arm, shape = loop.arm, loop.arm.shape
     hand = own_body.placed(arm.chain, shape, arm.home)[-1]
-    volumes, relief = np.zeros((1, VOLUME_SIZE)), np.zeros((1, len(shape.capsules)))
-    volume = volumes[0]
-    volume[POSE + 3], volume[RADIUS], volume[MARGIN], volume[THERE] = 1.0, 0.05, 0.02, 1.0
-    reach = volume[MARGIN] + surroundings.SLACK
+    relief, reach = np.zeros((1, len(shape.capsules))), MARGIN + surroundings.SLACK
 
     def deep_at(position):
         depth = np.zeros((1, len(shape.capsules)))
@@ -318,7 +318,7 @@ def test_a_link_is_pushed_from_a_volume_by_a_potential(loop, rng):
         way = rng.normal(size=3)
         way[2] = -abs(way[2])
         way /= np.linalg.norm(way)
-        volume[POSE:POSE + 3] = hand[:3] + (hand[6] + 0.05 + (1.0 - deep) * reach) * way
+        volumes = ball(hand[:3] + (hand[6] + BALL + (1.0 - deep) * reach) * way)[None]
         slope = approx_fprime(arm.home, lambda q: float(
             0.5 * surroundings.BARRIER * (deep_at(q) ** 2).sum()), 1e-7)
         still = torque_at(np.zeros(7))
@@ -328,21 +328,19 @@ def test_a_link_is_pushed_from_a_volume_by_a_potential(loop, rng):
 
 
 def test_a_reference_may_go_back_to_a_tool_that_is_held_but_not_further_away():
-    gains, pose = numbers_of(ImpedanceGains()), np.array([0.4, 0.0, 0.5, 0.0, 1.0, 0.0, 0.0])
-    reference = resting_target(pose, np.diag([400.0] * 3 + [30.0] * 3))
+    gains, reference = numbers_of(ImpedanceGains()), resting_target(HERE, PLAIN)
     reference[0] += 0.5
     for way, share in (([1.0, 0.0, 0.0], 0.0), ([-1.0, 0.0, 0.0], 1.0), ([0.0, 1.0, 0.0], 1.0)):
         twist = np.array([*way, 0.0, 0.0, 0.0])
-        assert governor._share_that_keeps_error(pose, reference, gains, twist) == pytest.approx(
+        assert governor._share_that_keeps_error(HERE, reference, gains, twist) == pytest.approx(
             share, abs=1e-9)
 
 
 def test_the_velocity_towards_a_target_is_its_own_and_that_of_the_lag(rng):
     settings, dt = LimitSettings(), 1e-3
-    limits = numbers_of(settings).view(LIMIT_NUMBERS)[0]
+    limits = limit_record()
     for _ in range(DRAWS):
-        pose = np.array([0.4, 0.0, 0.5, 0.0, 1.0, 0.0, 0.0])
-        reference, target = (resting_target(pose, np.eye(6)) for _ in range(2))
+        reference, target = (resting_target(HERE, np.eye(6)) for _ in range(2))
         target[:3] += 0.02 * rng.normal(size=3)
         target[TWIST_OF] = 0.1 * rng.normal(size=6)
         target[ACCELERATION:ACCELERATION + 6] = rng.normal(size=6)
@@ -390,12 +388,8 @@ def test_the_rows_of_the_nearest_volumes_are_kept():
 
 def test_what_moves_towards_a_volume_is_pushed_harder(loop):
     arm, shape = loop.arm, loop.arm.shape
-    hand, last = own_body.placed(arm.chain, shape, arm.home)[-1], shape.capsules[-1:].copy()
-    volumes, n, depth = np.zeros((1, VOLUME_SIZE)), 7, np.zeros((1, 1))
-    volume = volumes[0]
-    volume[POSE + 3], volume[RADIUS], volume[MARGIN], volume[THERE] = 1.0, 0.05, 0.02, 1.0
-    lowest = min(hand[:3], hand[3:6], key=lambda end: end[2])
-    volume[POSE:POSE + 3] = lowest - [0.0, 0.0, hand[6] + 0.05 + 0.02]
+    last, volumes = shape.capsules[-1:].copy(), ball_below(arm, arm.home, MARGIN)[None]
+    n, depth = 7, np.zeros((1, 1))
     surroundings._depths(*arm.chain, arm.home, last, volumes, depth)
     deep = depth[0, 0] + surroundings.SLACK
     assert 0.0 < 1.5 * deep < surroundings.MOST_FORCE / surroundings.BARRIER
@@ -414,17 +408,9 @@ def test_what_moves_towards_a_volume_is_pushed_harder(loop):
     np.testing.assert_allclose(torque_at(-0.1 * away), still, rtol=1e-6)
 
 
-def folded_of(arm):
-    """A posture in which parts of an arm are nearer than they may be."""
-    folded = np.array([0.0, -0.9, 0.0, -2.95, 0.0, 2.2, 0.785])
-    while own_body.clearances(arm.chain, arm.shape, folded).min() > 0.5 * own_body.KEEP:
-        folded[5] -= 0.005
-    return folded
-
-
 def test_parts_of_an_arm_that_are_too_near_are_pushed_apart_by_a_potential(loop):
     arm, body, n = loop.arm, loop.arm.shape, 7
-    folded = folded_of(arm)
+    folded = too_near(arm)
     nearest = own_body.clearances(arm.chain, body, folded).argmin()
     body = body._replace(pairs=body.pairs[nearest:nearest + 1])
 
@@ -459,7 +445,7 @@ def test_parts_of_an_arm_that_are_too_near_are_pushed_apart_by_a_potential(loop)
 def test_a_position_is_moved_into_the_workspace(rng):
     settings = LimitSettings()
     low, high = np.array(settings.workspace_min), np.array(settings.workspace_max)
-    limits = numbers_of(settings).view(LIMIT_NUMBERS)[0]
+    limits = limit_record()
     for _ in range(DRAWS):
         position = rng.uniform(low - 0.2, high + 0.2)
         before, velocity, present = position.copy(), np.ones(3), 0.5 * (low + high)
@@ -471,21 +457,18 @@ def test_a_position_is_moved_into_the_workspace(rng):
 
 def test_a_barrier_begins_where_the_slack_does():
     """A link that is one ball, so that the distance at which it is left out is exact."""
-    arm = Arm()
-    ball = np.zeros((1, own_body.CAPSULE_SIZE))
-    ball[0, 0], ball[0, 7] = 7, 0.03
-    center = own_body.placed(arm.chain, arm.shape._replace(capsules=ball), arm.home)[0, :3]
-    volumes = np.zeros((1, VOLUME_SIZE))
-    volume = volumes[0]
-    volume[POSE + 3], volume[RADIUS], volume[MARGIN], volume[THERE] = 1.0, 0.05, 0.02, 1.0
+    arm, capsule = Arm(), np.zeros((1, own_body.CAPSULE_SIZE))
+    capsule[0, 0], capsule[0, 7] = 7, 0.03
+    link = arm.shape._replace(capsules=capsule)
+    center = own_body.placed(arm.chain, link, arm.home)[0, :3]
     for deep in (0.05, 0.5, 1.0):
-        volume[POSE:POSE + 3] = center
-        volume[POSE] += 0.08 + volume[MARGIN] + (1.0 - deep) * surroundings.SLACK
+        away = 0.03 + BALL + MARGIN + (1.0 - deep) * surroundings.SLACK
         torque = np.zeros(7)
-        surroundings.push_away(*arm.chain, arm.home, np.zeros(7), ball, volumes, 1e-3,
-                               np.zeros((1, 1)), torque)
+        surroundings.push_away(*arm.chain, arm.home, np.zeros(7), link.capsules,
+                               ball(center + [away, 0.0, 0.0])[None], 1e-3, np.zeros((1, 1)),
+                               torque)
         slope = approx_fprime(arm.home, lambda q: float(own_body.placed(
-            arm.chain, arm.shape._replace(capsules=ball), q)[0, 0]), 1e-7)
+            arm.chain, link, q)[0, 0]), 1e-7)
         force = surroundings.BARRIER * deep * surroundings.SLACK
         np.testing.assert_allclose(torque, -force * slope, atol=1e-4 * force)
 
@@ -493,7 +476,7 @@ def test_a_barrier_begins_where_the_slack_does():
 def test_a_wall_and_a_joint_range_have_the_row_that_is_named_so(loop):
     settings, n = LimitSettings(), 7
     arm = memory.parts(loop.controller.numbers)
-    rows, bounds, ids = np.zeros((40, n)), np.zeros(40), np.zeros(40)
+    rows, bounds, ids = empty_rows(40)
     jacobian, pose = np.empty((6, n)), np.empty(7)
     position = loop.arm.home
     chain_state(*loop.arm.chain, arm.end, position, pose, jacobian)
@@ -526,8 +509,8 @@ def test_a_stiffness_must_be_symmetric_and_positive_definite(rng):
 def test_every_pair_that_binds_has_a_row_that_is_the_slope_of_its_distance(loop):
     arm, body = loop.arm, loop.arm.shape
     count = len(body.pairs)
-    for posture in (folded_of(arm), arm.home, folded_of(arm) + [0.4, 0, 0, 0, 0.1, 0, 0]):
-        rows, bounds, ids = np.zeros((count + 3, 7)), *np.zeros((2, count + 3))
+    for posture in (too_near(arm), arm.home, too_near(arm) + [0.4, 0, 0, 0, 0.1, 0, 0]):
+        rows, bounds, ids = empty_rows(count + 3)
         found = own_body.body_rows(*arm.chain, posture, body.capsules, body.pairs, 6.5, 0.5, 100,
                                    rows, bounds, ids, 3)
         clear = own_body.clearances(arm.chain, body, posture)
@@ -546,23 +529,17 @@ def test_every_pair_that_binds_has_a_row_that_is_the_slope_of_its_distance(loop)
 
 @pytest.mark.parametrize('order', [1, -1])
 def test_every_volume_near_a_link_has_a_row_that_is_the_slope_of_its_distance(loop, order):
-    arm, body, n = loop.arm, loop.arm.shape, 7
+    arm = loop.arm
     posture = arm.home + [0.5, 0.2, -0.3, 0.1, 0.4, -0.2, 0.3]
-    ball = np.zeros((2, own_body.CAPSULE_SIZE))  # two links that are balls
-    ball[:, 0], ball[:, 7], ball[1, 1:7] = (6, 7), 0.03, [0.0, 0.0, 0.2] * 2
-    links = body._replace(capsules=ball)
+    capsules = np.zeros((2, own_body.CAPSULE_SIZE))  # two links that are balls
+    capsules[:, 0], capsules[:, 7], capsules[1, 1:7] = (6, 7), 0.03, [0.0, 0.0, 0.2] * 2
+    links = arm.shape._replace(capsules=capsules)
     centers = own_body.placed(arm.chain, links, posture)[:, :3]
-    volumes = np.zeros((2, VOLUME_SIZE))
-    volumes[:, POSE + 3] = volumes[:, THERE] = 1.0
-    volumes[:, RADIUS], volumes[:, MARGIN] = 0.05, 0.02
-    volumes[0, POSE:POSE + 3] = centers[0] + [0.12, 0.02, -0.03]
-    volumes[1, POSE:POSE + 3] = centers[1] + [-0.05, 0.15, -0.04]
-    volumes[1, TWIST:TWIST + 3] = [0.01, -0.03, 0.0]
-    volumes = volumes[::order].copy()
-    rows, bounds, ids = (np.zeros((surroundings.MOST_ROWS, n)),
-                         *np.zeros((2, surroundings.MOST_ROWS)))
+    volumes = np.array([ball(centers[0] + [0.12, 0.02, -0.03]),
+                        ball(centers[1] + [-0.05, 0.15, -0.04], [0.01, -0.03, 0.0])][::order])
+    rows, bounds, ids = empty_rows(surroundings.MOST_ROWS)
     count, _, clearance, nearest = surroundings.surroundings_rows(
-        *arm.chain, posture, ball, volumes, 0.01, 6.5, 5.0, 0.0, 100, rows, bounds, ids, 0)
+        *arm.chain, posture, capsules, volumes, 0.01, 6.5, 5.0, 0.0, 100, rows, bounds, ids, 0)
 
     def distance(v, c, q):
         center = own_body.placed(arm.chain, links, q)[c, :3]
@@ -581,66 +558,57 @@ def test_every_volume_near_a_link_has_a_row_that_is_the_slope_of_its_distance(lo
     # Without one near, there is no nearest one.
     volumes[:, POSE] += 10.0
     assert surroundings.surroundings_rows(
-        *arm.chain, posture, ball, volumes, 0.01, 6.5, 5.0, 0.0, 100, rows, bounds, ids,
+        *arm.chain, posture, capsules, volumes, 0.01, 6.5, 5.0, 0.0, 100, rows, bounds, ids,
         0)[2:] == (surroundings.SEEN_FROM, -1)
 
 
-@pytest.fixture
-def governed(loop):
-    """Memory of an arm whose reference is where it is; and a call of the problem of all limits."""
-    numbers = loop.controller.numbers
-    arm = memory.parts(numbers)
-
-    def solved(posture, twist, **known):
-        jacobian, violation = np.empty((6, 7)), np.zeros(len(LIMITS))
-        arm.governed[:], arm.posture[:], arm.governed_rate[:] = posture, posture, 0.0
-        chain_state(*loop.arm.chain, arm.end, arm.governed, arm.reference[:7], jacobian)
-        for name, value in known.items():
-            setattr(arm.scalars, name, value)
-        made = np.array(twist, dtype=float)
-        blocking, _ = governor._move_joints(numbers, jacobian, made, violation)
-        return int(blocking), made, violation, jacobian
-    return loop, arm, solved
+def limited(loop, posture, twist):
+    """Which limit a twist meets in a posture, what is left of the twist, and the violations."""
+    arm, numbers = memory.parts(loop.controller.numbers), loop.controller.numbers
+    jacobian, violation = np.empty((6, 7)), np.zeros(len(LIMITS))
+    arm.governed[:], arm.posture[:], arm.governed_rate[:] = posture, posture, 0.0
+    chain_state(*loop.arm.chain, arm.end, arm.governed, arm.reference[:7], jacobian)
+    made = np.array(twist, dtype=float)
+    blocking, _ = governor._move_joints(numbers, jacobian, made, violation)
+    return int(blocking), made, violation
 
 
-def test_a_singular_direction_is_named_with_how_near_it_is(governed):
-    _, _, solved = governed
+def test_a_singular_direction_is_named_with_how_near_it_is(loop):
     settings, direction = LimitSettings(), np.empty(6)
     for bend in (-0.9, -0.7, -0.4):
         posture = np.array([0.0, 0.5, 0.0, bend, 0.0, 1.5, 0.785])
-        jacobian = solved(posture, np.zeros(6))[3]
+        jacobian = np.empty((6, 7))
+        chain_state(*loop.arm.chain, loop.arm.end_pose, posture, np.empty(7), jacobian)
         value = singular_value(jacobian, direction)
         assert value < settings.singularity_start
         # The direction in which the arm cannot move, towards the singularity.
-        blocking, _, violation, _ = next(
-            found for found in (solved(posture, 0.3 * sign * direction) for sign in (1.0, -1.0))
-            if found[2][SINGULARITY] > 0.0)
+        blocking, _, violation = next(
+            found for found in (limited(loop, posture, 0.3 * sign * direction)
+                                for sign in (1.0, -1.0)) if found[2][SINGULARITY] > 0.0)
         assert blocking == 2 * 7 + 6
         assert violation[SINGULARITY] == pytest.approx(min(
             (settings.singularity_start - value)
             / (settings.singularity_start - settings.singularity_stop), 1.0))
 
 
-def test_a_volume_that_holds_the_tool_is_named(governed):
-    loop, arm, solved = governed
-    m, n = arm.capsules.shape[0], 7
-    hand = own_body.placed(loop.arm.chain, loop.arm.shape, loop.arm.home)[-1]
+def pair_of(loop, blocking):
+    """The volume and link that a limit is, or is not (negative)."""
+    return blocking - 2 * 7 - limit_rows.OTHER_ROWS - len(loop.arm.shape.pairs)
+
+
+def test_a_volume_that_holds_the_tool_is_named(loop):
+    arm = memory.parts(loop.controller.numbers)
     arm.volumes[:] = 0.0
-    volume = arm.volumes[2]
-    lowest = min(hand[:3], hand[3:6], key=lambda end: end[2])
-    volume[POSE:POSE + 3] = lowest - [0.0, 0.0, hand[6] + 0.05 + 0.02 + surroundings.SLACK]
-    volume[POSE + 3], volume[RADIUS], volume[MARGIN], volume[THERE] = 1.0, 0.05, 0.02, 1.0
-    blocking, made, _, _ = solved(loop.arm.home, [0.0, 0.0, -0.2, 0.0, 0.0, 0.0])
-    at = blocking - 2 * n - limit_rows.OTHER_ROWS - len(loop.arm.shape.pairs)
-    assert at == arm.scalars.nearest and at // m == 2 and made[2] > -0.1
+    arm.volumes[2] = ball_below(loop.arm, loop.arm.home, MARGIN + surroundings.SLACK)
+    blocking, made, _ = limited(loop, loop.arm.home, [0.0, 0.0, -0.2, 0.0, 0.0, 0.0])
+    at = pair_of(loop, blocking)
+    assert at == arm.scalars.nearest and at // len(arm.capsules) == 2 and made[2] > -0.1
 
 
-def test_a_free_reference_has_the_speed_of_references_and_one_that_returns_that_of_catching_up(
-        governed):
-    loop, _, solved = governed
+def test_a_free_reference_has_the_velocity_that_is_asked(loop):
     settings, twist = LimitSettings(), [0.0, 0.4, 0.0, 0.0, 0.0, 0.0]
     assert settings.catch_up_speed < 0.4 < settings.speed
-    blocking, made, _, _ = solved(loop.arm.home, twist, returns=0.0)
+    blocking, made, _ = limited(loop, loop.arm.home, twist)
     assert blocking == -1
     np.testing.assert_allclose(made, twist, atol=1e-3)
 
@@ -649,32 +617,23 @@ def test_a_free_reference_has_the_speed_of_references_and_one_that_returns_that_
 def test_what_comes_nearer_is_named_by_its_volume_and_link(retreat):
     loop = ClosedLoop(Arm(), ControllerSettings(limits=LimitSettings(retreat_speed=retreat)))
     loop.tick()
-    numbers, n = loop.controller.numbers, 7
-    arm, shape = memory.parts(numbers), loop.arm.shape
-    m = arm.capsules.shape[0]
-    hand = own_body.placed(loop.arm.chain, shape, loop.arm.home)[-1]
-    arm.volumes[:] = 0.0
-    for v in (0, 1):
-        volume = arm.volumes[v]
-        volume[POSE:POSE + 3] = hand[:3] + [3.0 - 2.8 * v, 0.0, 0.0]
-        volume[POSE + 3], volume[RADIUS], volume[MARGIN], volume[THERE] = 1.0, 0.05, 0.02, 1.0
-    jacobian = np.empty((6, n))
-    arm.governed[:] = arm.posture[:] = loop.arm.home
-    chain_state(*loop.arm.chain, arm.end, arm.governed, arm.reference[:7], jacobian)
-    arm.scalars.left, made = 0.0, np.array([0.0, 0.2, 0.0, 0.0, 0.0, 0.0])
-    blocking, _ = governor._move_joints(numbers, jacobian, made, np.zeros(len(LIMITS)))
+    arm = memory.parts(loop.controller.numbers)
+    hand = own_body.placed(loop.arm.chain, loop.arm.shape, loop.arm.home)[-1]
+    arm.volumes[:], arm.scalars.left = 0.0, 0.0
+    arm.volumes[:2] = [ball(hand[:3] + [away, 0.0, 0.0]) for away in (3.0, 0.2)]
+    blocking, made, _ = limited(loop, loop.arm.home, [0.0, 0.2, 0.0, 0.0, 0.0, 0.0])
     if retreat:
         assert arm.scalars.slowed == 1.0
         return
     assert arm.scalars.slowed == 0.0 and not made.any()
-    at = int(blocking) - 2 * n - limit_rows.OTHER_ROWS - len(shape.pairs)
-    assert at == arm.scalars.nearest and at // m == 1
+    at = pair_of(loop, blocking)
+    assert at == arm.scalars.nearest and at // len(arm.capsules) == 1
 
 
 def test_a_pair_of_parts_that_holds_the_joints_is_named(loop):
     numbers, n = loop.controller.numbers, 7
     arm, shape = memory.parts(numbers), loop.arm.shape
-    folded = folded_of(loop.arm)
+    folded = too_near(loop.arm)
     clear = own_body.clearances(loop.arm.chain, shape, folded)
     pair = int(clear.argmin())
     one = shape._replace(pairs=shape.pairs[pair:pair + 1])
@@ -690,15 +649,10 @@ def test_a_pair_of_parts_that_holds_the_joints_is_named(loop):
 
 def test_a_motion_of_the_joints_may_come_a_millimetre_nearer(loop):
     numbers = loop.controller.numbers
-    arm, shape = memory.parts(numbers), loop.arm.shape
-    hand = own_body.placed(loop.arm.chain, shape, arm.position)[-1]
+    arm, jacobian = memory.parts(numbers), np.empty((6, 7))
+    chain_state(*loop.arm.chain, arm.end, arm.position, np.empty(7), jacobian)
+    down = np.linalg.lstsq(jacobian, np.array([0.0, 0.0, -0.05, 0.0, 0.0, 0.0]))[0]
     arm.volumes[:] = 0.0
-    volume = arm.volumes[0]
-    volume[POSE + 3], volume[RADIUS], volume[MARGIN], volume[THERE] = 1.0, 0.05, 0.02, 1.0
-    lowest = min(hand[:3], hand[3:6], key=lambda end: end[2])
     for inside, free in ((0.0005, True), (0.0015, False)):
-        volume[POSE:POSE + 3] = lowest - [0.0, 0.0, hand[6] + 0.07 - inside]
-        jacobian, pose = np.empty((6, 7)), np.empty(7)
-        chain_state(*loop.arm.chain, arm.end, arm.position, pose, jacobian)
-        down = np.linalg.lstsq(jacobian, np.array([0.0, 0.0, -0.05, 0.0, 0.0, 0.0]))[0]
+        arm.volumes[0] = ball_below(loop.arm, arm.position, MARGIN - inside)
         assert (governor.share_of_way(numbers, down) > 0.0) == free

@@ -6,10 +6,11 @@ import pytest
 
 from gdmp_ros.control import memory, servo
 from gdmp_ros.control.admittance import AdmittanceSettings, advance, external_wrench
-from gdmp_ros.control.settings import ControllerSettings
+from gdmp_ros.control.kinematics import place_links
 from gdmp_ros.control.weight import GRAVITY
 from gdmp_ros.kernels import records_at
-from gdmp_ros.sim import Arm, ClosedLoop
+from gdmp_ros.manifolds.poses import compose
+from gdmp_ros.sim import Arm
 from test.control.formulas import DRAWS, pose_of
 
 CYCLE = 2e-3
@@ -124,14 +125,8 @@ def test_what_hangs_at_the_sensor_is_subtracted_with_its_inertia(known, arm, rng
         made.twists[:] = 0.01 * rng.normal(size=made.twists.shape)
         servo.feel(made)
         links, turns = np.empty((8, 7)), np.empty((7, 3))
-        servo.place_links(made.frames, made.axes, made.measured[0], links, turns)
-        places = []
-        for end in made.ends:
-            place, moved, turned = np.empty(7), np.empty(3), np.empty(4)
-            servo.rotate(links[7, 3:], end[:3].copy(), moved)
-            servo.multiply(links[7, 3:], end[3:].copy(), turned)
-            place[:3], place[3:] = links[7, :3] + moved, turned
-            places.append(place)
+        place_links(made.frames, made.axes, made.measured[0], links, turns)
+        places = [compose(links[7], end) for end in made.ends]
         np.testing.assert_allclose(made.pose, places[1])
         ago = int(np.clip(np.floor((s.delay - s.dt) / CYCLE + 1.5), 1, len(made.twists) - 1))
         carried = -1.3 / CYCLE * (made.twists[ago - 1] - made.twists[ago])[:3]
@@ -145,10 +140,8 @@ def test_what_hangs_at_the_sensor_is_subtracted_with_its_inertia(known, arm, rng
     assert not made.wrench.any()
 
 
-def test_the_tank_pays_what_the_real_arm_gives_more_than_the_virtual_one(known, rng):
+def test_the_tank_pays_what_the_real_arm_gives_more_than_the_virtual_one(known, loop, rng):
     made, s = known
-    loop = ClosedLoop(Arm(), ControllerSettings())
-    loop.tick()
     numbers = loop.controller.numbers
     parts = memory.parts(numbers)
     for _ in range(DRAWS):
@@ -160,10 +153,8 @@ def test_the_tank_pays_what_the_real_arm_gives_more_than_the_virtual_one(known, 
         assert parts.scalars.energy == pytest.approx(1.0 - s.dt * power)
 
 
-def test_what_is_known_of_the_motion_is_sent_a_delay_earlier(known, rng):
+def test_what_is_known_of_the_motion_is_sent_a_delay_earlier(known, loop, rng):
     made, s = known
-    loop = ClosedLoop(Arm(), ControllerSettings())
-    loop.tick()
     parts, n = memory.parts(loop.controller.numbers), 7
     for _ in range(DRAWS):
         made.virtual[0], made.virtual[1] = loop.arm.home, 0.0

@@ -27,24 +27,12 @@ from gdmp_ros.control.limits import (
     STIFFNESS_RATE,
 )
 from gdmp_ros.control.settings import (
-    ControllerSettings,
     ImpedanceGains,
     TANK_NUMBERS,
 )
-from gdmp_ros.control.target import (
-    STIFFNESS,
-)
-from gdmp_ros.sim import Arm, ClosedLoop
+from gdmp_ros.control.target import STIFFNESS
 from gdmp_ros.util.settings import numbers as numbers_of
-from test.control.formulas import coupled, DRAWS, record, TWIST_OF
-
-
-@pytest.fixture
-def loop():
-    """An arm that has made a tick."""
-    made = ClosedLoop(Arm(), ControllerSettings())
-    made.tick()
-    return made
+from test.control.formulas import coupled, DRAWS, PLAIN, record, TWIST_OF
 
 
 def test_the_force_of_a_coupled_spring_is_linear_below_its_bounds(rng):
@@ -133,18 +121,23 @@ def test_one_joint_goes_where_it_can_be_in_a_tick_and_else_as_fast_as_it_may():
     assert violation[JOINT_POSITION] == pytest.approx(0.2)
 
 
+def move_away(arm):
+    """Let all joints of a reference move away; energy before, and what the motion needs [J]."""
+    n = 7
+    arm.joint_reference[:] = np.concatenate(
+        [arm.position + 0.05, np.full(n, 0.3), np.full(n, 500.0), [1.0]])
+    arm.joint_target[:] = arm.joint_reference
+    arm.joint_target[:n] += 0.3e-3
+    before, after = (joint_spring.joint_energy(arm.position, numbers)
+                     for numbers in (arm.joint_reference, arm.joint_target))
+    return before, after - before
+
+
 def test_joints_that_move_away_draw_what_there_is(loop, rng):
     numbers = loop.controller.numbers
     arm, n = memory.parts(numbers), 7
     for _ in range(DRAWS):
-        arm.joint_reference[:] = np.concatenate(
-            [arm.position + 0.05, np.full(n, 0.3), np.full(n, 500.0), [1.0]])
-        arm.joint_target[:] = arm.joint_reference
-        arm.joint_target[:n] += 0.3e-3
-        before = joint_spring.joint_energy(arm.position, arm.joint_reference)
-        moved = arm.joint_reference.copy()
-        moved[:n] += 0.3e-3
-        most = joint_spring.joint_energy(arm.position, moved) - before
+        before, most = move_away(arm)
         budget = rng.uniform(0.0, 1.5) * most
         drawn, stored = joint_spring.move_joint_reference(numbers, 1.0, budget)
         assert drawn == pytest.approx(min(budget, most), rel=1e-3)
@@ -161,15 +154,8 @@ def test_the_stiffness_of_joints_grows_with_what_a_motion_leaves(loop):
     numbers = loop.controller.numbers
     arm, n = memory.parts(numbers), 7
     for share in (0.5, 1.2, 2.0):
-        arm.joint_reference[:] = np.concatenate(
-            [arm.position + 0.05, np.full(n, 0.3), np.full(n, 500.0), [1.0]])
-        arm.joint_target[:] = arm.joint_reference
-        arm.joint_target[:n] += 0.3e-3
+        _, most = move_away(arm)
         arm.joint_target[2 * n:3 * n] = 2000.0
-        moved = arm.joint_reference.copy()
-        moved[:n] += 0.3e-3
-        most = (joint_spring.joint_energy(arm.position, moved)
-                - joint_spring.joint_energy(arm.position, arm.joint_reference))
         drawn, _ = joint_spring.move_joint_reference(numbers, 1.0, share * most)
         assert drawn == pytest.approx(share * most, rel=1e-3)
 
@@ -193,11 +179,10 @@ def test_a_stiffness_grows_by_what_may_be_drawn_also_beyond_the_bounds_of_its_fo
     gains, reached = numbers_of(ImpedanceGains()), 0
     for _ in range(4 * DRAWS):
         old, target = coupled(rng).reshape(-1), coupled(rng).reshape(-1)
-        error, numbers, wanted = 0.3 * rng.normal(size=6), np.empty(spring.SPRING_SIZE), target
+        error, numbers = 0.3 * rng.normal(size=6), np.empty(spring.SPRING_SIZE)
         budget = rng.uniform(0.0, 0.5)
         spring.make_spring(old, gains, numbers)
         before = spring.spring_energy(numbers, error)
-        target = wanted.copy()
         drawn, missing = energy_budget._change_stiffness(old, target, error, gains, 10.0, budget,
                                                          numbers, np.zeros(len(LIMITS)))
         spring.make_spring(target, gains, numbers)
@@ -210,7 +195,7 @@ def test_a_stiffness_grows_by_what_may_be_drawn_also_beyond_the_bounds_of_its_fo
 
 def test_modes_that_need_no_energy_grow_whatever_others_need():
     gains, spring_numbers = numbers_of(ImpedanceGains()), np.empty(spring.SPRING_SIZE)
-    old, wanted = np.diag([400.0] * 3 + [30.0] * 3), np.diag([800.0] * 3 + [60.0] * 3)
+    old, wanted = PLAIN, 2.0 * PLAIN
     error = np.array([0.0, 0.0, 0.0, 0.02, 0.0, 0.0])
     for budget, grown in ((1e9, 2.0), (0.003, 1.0 + 0.0005 / 0.006)):
         target = wanted.reshape(-1).copy()
@@ -232,7 +217,7 @@ def test_stiffness_and_motion_together_draw_what_there_is(loop, rng):
         arm.governed[:] = loop.arm.home + 0.03 * rng.normal(size=7)
         chain_state(*loop.arm.chain, arm.end, arm.governed, pose, jacobian)
         arm.reference[:7], arm.governed_rate[:] = pose, rng.normal(size=7)
-        arm.reference[STIFFNESS:STIFFNESS + 36] = np.diag([400.0] * 3 + [30.0] * 3).reshape(-1)
+        arm.reference[STIFFNESS:STIFFNESS + 36] = PLAIN.reshape(-1)
         arm.target[STIFFNESS:STIFFNESS + 36] = np.diag([500.0] * 3 + [35.0] * 3).reshape(-1)
         arm.violation[:] = 0.0
         before = spring.stored_energy(arm.pose, arm.reference, arm.gains)

@@ -8,10 +8,9 @@ from gdmp_ros.control import stream
 from gdmp_ros.control.joint_target import resting_joints
 from gdmp_ros.control.target import ACCELERATION, resting_target, TWIST
 from gdmp_ros.kernels import records_at
-from test.control.formulas import DRAWS
+from test.control.formulas import DRAWS, HERE, PLAIN, TWIST_OF
 
-HERE = np.array([0.4, 0.0, 0.5, 0.0, 1.0, 0.0, 0.0])
-TWIST_AT, ACCELERATION_AT = (slice(first, first + 6) for first in (TWIST, ACCELERATION))
+ACCELERATION_AT = slice(ACCELERATION, ACCELERATION + 6)
 
 
 def memory_of(**known):
@@ -23,10 +22,10 @@ def memory_of(**known):
     return numbers, record
 
 
-def target_of(rng, place=HERE):
+def target_of(rng):
     """A target with a random twist and acceleration."""
-    target = resting_target(place, np.diag([400.0] * 3 + [30.0] * 3))
-    target[TWIST_AT] = 0.1 * rng.normal(size=6)
+    target = resting_target(HERE, PLAIN)
+    target[TWIST_OF] = 0.1 * rng.normal(size=6)
     target[ACCELERATION_AT] = rng.normal(size=6)
     return target
 
@@ -81,11 +80,11 @@ def test_poses_are_compared_with_twists_over_the_time_between_their_stamps(rng, 
         target[:3] += 0.003 * rng.normal(size=3)
         stream._arrive(numbers, target, 0.005, stamps[1], False)
         apart = np.concatenate([target[:3] - HERE[:3], np.zeros(3)]) - 0.5 * step * (
-            twist + target[TWIST_AT])
+            twist + target[TWIST_OF])
         np.testing.assert_allclose(known.apart, apart, atol=1e-9)
         for part in range(2):
             at = slice(3 * part, 3 * part + 3)
-            speed = max(np.linalg.norm(twist[at]), np.linalg.norm(target[TWIST_AT][at]))
+            speed = max(np.linalg.norm(twist[at]), np.linalg.norm(target[TWIST_OF][at]))
             allowed = stream._APART[part] + (
                 stream._APART_S + stream._APART_SHARE * step) * speed
             wrong = np.linalg.norm(apart[at]) > allowed
@@ -93,7 +92,7 @@ def test_poses_are_compared_with_twists_over_the_time_between_their_stamps(rng, 
         np.testing.assert_allclose(record.way, 1.0 - np.linalg.norm(target[:3] - HERE[:3]))
         assert record.arrived_age == 0.005 and record.stamp == stamps[1]
         np.testing.assert_array_equal(known.place, target[:7])
-        np.testing.assert_array_equal(known.twist, target[TWIST_AT])
+        np.testing.assert_array_equal(known.twist, target[TWIST_OF])
 
 
 def test_a_turn_uses_up_what_may_jump():
@@ -110,9 +109,9 @@ def test_a_reference_that_is_late_is_moved_to_its_usual_time(rng):
         numbers, record = memory_of(age=0.01, delay=0.002, of_joints=0.0)
         stream.newest(numbers).place[:] = HERE
         target = target_of(rng)
-        target[TWIST_AT] *= 0.1
+        target[TWIST_OF] *= 0.1
         last = np.empty_like(target)
-        stream.newest(numbers).twist[:] = target[TWIST_AT]
+        stream.newest(numbers).twist[:] = target[TWIST_OF]
         stream.use(numbers, last, target, 0.002 + late, 0.0, 7.0, True)
         # The first one is usual.
         np.testing.assert_allclose(last, target)
@@ -138,7 +137,7 @@ def test_a_twist_that_is_not_trusted_is_not_used(rng, part):
     known, target = stream.newest(numbers), target_of(rng)
     known.place[:] = HERE
     known.distrusted[part] = 1.0
-    known.twist[:] = target[TWIST_AT] = 0.0
+    known.twist[:] = target[TWIST_OF] = 0.0
     target[TWIST + 3 * part:TWIST + 3 * part + 3] = 1e-3
     last = np.empty_like(target)
     stream.use(numbers, last, target, 0.0, 0.0, 7.0, False)

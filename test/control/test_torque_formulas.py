@@ -37,7 +37,6 @@ from gdmp_ros.control.memory import JOINT_SPRINGS, TOOL_SPRING
 from gdmp_ros.control.settings import (
     ControllerSettings,
     ImpedanceGains,
-    LIMIT_NUMBERS,
     LimitSettings,
 )
 from gdmp_ros.control.target import (
@@ -51,15 +50,16 @@ from gdmp_ros.control.target import (
 from gdmp_ros.kernels import records_at
 from gdmp_ros.sim import Arm, ClosedLoop
 from gdmp_ros.util.settings import numbers as numbers_of
-from test.control.formulas import coupled, DRAWS, pose_of, record, turn_of, within
-
-
-@pytest.fixture
-def loop():
-    """An arm that has made a tick."""
-    made = ClosedLoop(Arm(), ControllerSettings())
-    made.tick()
-    return made
+from test.control.formulas import (
+    coupled,
+    DRAWS,
+    limit_record,
+    PLAIN,
+    pose_of,
+    record,
+    turn_of,
+    within,
+)
 
 
 def test_the_help_over_friction_knows_the_stiffness_at_each_joint(rng):
@@ -119,8 +119,7 @@ def test_a_tool_that_the_joints_move_too_fast_is_reported(loop):
     arm = memory.parts(loop.controller.numbers)
     for rate, fast in ((0.01, False), (3.0, True)):
         arm.velocity[:], arm.violation[:] = rate, 0.0
-        law._springs_at_joints(loop.controller.numbers, np.zeros(7),
-                               numbers_of(LimitSettings()).view(LIMIT_NUMBERS)[0])
+        law._springs_at_joints(loop.controller.numbers, np.zeros(7), limit_record())
         assert (arm.violation[TOOL_SPEED] > 0.0) == fast
 
 
@@ -145,8 +144,7 @@ def test_a_wall_pushes_as_a_spring_that_is_damped_on_the_way_out(rng):
         np.testing.assert_allclose(torque, jacobian[:3].T @ force, atol=1e-9)
 
 
-def test_the_next_torque_begins_in_the_middle_of_those_that_are_compared(rng):
-    loop = ClosedLoop(Arm(), ControllerSettings())
+def test_the_next_torque_begins_in_the_middle_of_those_that_are_compared(loop, rng):
     arm, taken = memory.parts(loop.controller.numbers), rng.normal(size=(2, 7))
     taken[1] = taken[0] + rng.uniform(0.0, 0.1, 7)
     law.compare_with(loop.controller.numbers, taken, 1e-3)
@@ -157,9 +155,7 @@ def test_the_next_torque_begins_in_the_middle_of_those_that_are_compared(rng):
 
 
 @pytest.mark.parametrize('does', [TOOL_SPRING, JOINT_SPRINGS])
-def test_the_state_has_a_reference_of_the_joints_only_if_they_follow_one(does):
-    loop = ClosedLoop(Arm(), ControllerSettings())
-    loop.tick()
+def test_the_state_has_a_reference_of_the_joints_only_if_they_follow_one(loop, does):
     numbers = loop.controller.numbers
     memory.parts(numbers).scalars.does = does
     target, state = np.ones(TARGET_SIZE), np.zeros(99 + len(LIMITS) + 6 * 7)
@@ -169,22 +165,35 @@ def test_the_state_has_a_reference_of_the_joints_only_if_they_follow_one(does):
 
 @pytest.fixture(scope='module')
 def measured():
-    arm = Arm()
-    return arm.measure()
+    return Arm().measure()
+
+
+def torque_at(measured, target, gains, external=0.0, dry=0.0, off=0.0):
+    """
+    Torque of an arm at rest, its external wrench, and the wrench that it commands.
+
+    :param external: torque of the environment [Nm]
+    :param dry: friction that is compensated [Nm]
+    :param off: how far the posture of the null space is away [rad]
+    """
+    torque, wrench, force = np.empty(7), np.empty(6), np.empty(6)
+    impedance.impedance_torque(
+        measured.position, np.zeros(7), measured.pose, measured.jacobian, measured.inertia,
+        measured.bias, np.array([np.zeros(7), np.full(7, dry)]), target,
+        measured.position + off, np.zeros(7), numbers_of(gains), 1.7, np.full(7, external),
+        torque, wrench, force)
+    return torque, wrench, force
 
 
 def test_an_external_wrench_is_found_from_the_torques_that_it_makes(measured, rng):
     for _ in range(DRAWS):
-        wrench, found = rng.normal(size=6), np.empty((2, 6))
+        wrench, found = rng.normal(size=6), np.empty(6)
         external = measured.jacobian.T @ wrench
-        impedance.external_wrench(measured.jacobian, measured.inertia, external, 1e-9, found[0])
-        gains = ImpedanceGains(singularity=1e-9)
-        target = resting_target(measured.pose, np.eye(6))
-        impedance.impedance_torque(
-            measured.position, np.zeros(7), measured.pose, measured.jacobian, measured.inertia,
-            measured.bias, np.zeros((2, 7)), target, measured.position, np.zeros(7),
-            numbers_of(gains), 1.7, external, np.empty(7), found[1], np.empty(6))
-        np.testing.assert_allclose(found, np.tile(wrench, (2, 1)), atol=1e-5)
+        impedance.external_wrench(measured.jacobian, measured.inertia, external, 1e-9, found)
+        np.testing.assert_allclose(found, wrench, atol=1e-5)
+        _, found, _ = torque_at(measured, resting_target(measured.pose, np.eye(6)),
+                                ImpedanceGains(singularity=1e-9), external)
+        np.testing.assert_allclose(found, wrench, atol=1e-5)
 
 
 def test_the_friction_that_is_known_is_taken_from_an_external_torque(rng):
@@ -229,7 +238,7 @@ def test_the_power_of_the_joint_springs_is_that_of_the_motion(rng):
 @pytest.mark.parametrize('side', [-1.0, 1.0])
 def test_a_joint_near_its_limit_is_pushed_and_only_its_approach_is_damped(side):
     settings = LimitSettings()
-    margin, limits = settings.joint_margin, numbers_of(settings).view(LIMIT_NUMBERS)[0]
+    margin, limits = settings.joint_margin, limit_record()
     lower, upper, inertia = np.array([-1.0]), np.array([1.0]), np.eye(1)
     largest, fastest = np.array([80.0]), np.array([2.0])
     for deep, kept, rate in ((0.5, 0.0, 0.0), (0.5, 0.2, 0.0), (0.3, 0.0, 0.05),
@@ -284,30 +293,20 @@ def test_what_opposes_a_motion_is_a_collision_from_its_limit_on(part):
     assert found == (contact.FORCE, contact.TORQUE)[part] and against == pytest.approx(12.0)
     # What the reference exerts itself is no collision.
     assert event(12.0, exerted=5.0)[0] == contact.NOTHING
-    twist *= 0.02  # 0.01 m/s is a motion, 0.01 rad/s is none
+    twist *= 0.02  # a speed of 0.01 m/s counts as a motion, 0.01 rad/s does not
     assert event(12.0)[0] == (contact.FORCE, contact.NOTHING)[part]
     twist *= 0.1
     assert event(12.0)[0] == contact.NOTHING
 
 
 def test_the_wrench_of_a_reference_acts_at_the_tool(measured, rng):
-    gains = numbers_of(ImpedanceGains())
-    target = resting_target(measured.pose, np.diag([400.0] * 3 + [30.0] * 3))
+    target, wrench = resting_target(measured.pose, PLAIN), rng.normal(size=6)
     target[DAMPING_RATIO] = 0.7
-
-    def torque_of(wrench):
-        target[WRENCH:WRENCH + 6] = wrench
-        torque, force = np.empty(7), np.empty(6)
-        impedance.impedance_torque(
-            measured.position, np.zeros(7), measured.pose, measured.jacobian, measured.inertia,
-            measured.bias, np.zeros((2, 7)), target, measured.position, np.zeros(7), gains, 1.7,
-            np.zeros(7), torque, np.empty(6), force)
-        return torque, force
-    wrench = rng.normal(size=6)
-    torque, force = torque_of(wrench)
+    before, _, _ = torque_at(measured, target, ImpedanceGains())
+    target[WRENCH:WRENCH + 6] = wrench
+    torque, _, force = torque_at(measured, target, ImpedanceGains())
     np.testing.assert_allclose(force, wrench, atol=1e-12)
-    np.testing.assert_allclose(torque - torque_of(np.zeros(6))[0], measured.jacobian.T @ wrench,
-                               atol=1e-9)
+    np.testing.assert_allclose(torque - before, measured.jacobian.T @ wrench, atol=1e-9)
 
 
 def test_the_help_over_friction_is_as_large_as_a_delay_allows():
@@ -357,26 +356,19 @@ def test_a_wrench_is_scaled_as_a_whole(rng):
 def test_springs_of_tool_and_posture_are_helped_over_friction(measured):
     """The help at rest knows the torque of both springs, not that of the weight."""
     gains = ImpedanceGains(friction_at_rest=0.5)
-    target = resting_target(measured.pose, np.diag([400.0] * 3 + [30.0] * 3))
+    target = resting_target(measured.pose, PLAIN)
     target[:3] += [0.002, -0.001, 0.003]
     target[DAMPING_RATIO] = 0.7
-
-    def torque_of(dry):
-        torque = np.empty(7)
-        impedance.impedance_torque(
-            measured.position, np.zeros(7), measured.pose, measured.jacobian, measured.inertia,
-            measured.bias, np.array([np.zeros(7), np.full(7, dry)]), target,
-            measured.position + 0.05, np.zeros(7), numbers_of(gains), 1.7, np.zeros(7), torque,
-            np.empty(6), np.empty(6))
-        return torque
-    pull = torque_of(0.0) - measured.bias
+    without, helped = (torque_at(measured, target, gains, dry=dry, off=0.05)[0]
+                       for dry in (0.0, 1.1))
+    pull = without - measured.bias
     along = (np.diag(measured.jacobian.T @ target[STIFFNESS:STIFFNESS + 36].reshape(6, 6)
                      @ measured.jacobian) + gains.posture_stiffness)
     expected = [friction_torque(0.0, 1.1, 0.0, pull[i], gains.friction_smoothing, 0.5,
                                 rest_scale(1.1, 0.5, along[i], measured.inertia[i, i], 0.7))
                 for i in range(7)]
     assert np.abs(expected).max() > 0.1
-    np.testing.assert_allclose(torque_of(1.1) - torque_of(0.0), expected, atol=1e-9)
+    np.testing.assert_allclose(helped - without, expected, atol=1e-9)
 
 
 def test_what_the_joints_follow_depends_on_what_the_arm_does(loop, rng):

@@ -11,6 +11,7 @@ import pytest
 
 from gdmp_ros.studio.first_view import first_view
 from gdmp_ros.studio.motion import of_skill
+from gdmp_ros.studio.scene import COVERED, PHONE
 from test.commands import GDMP
 
 CHROMIUM = shutil.which('chromium') or shutil.which('chromium-browser') or shutil.which(
@@ -67,11 +68,12 @@ class Page:
     The studio in a browser: texts, buttons, handles; collects errors and foreign requests.
 
     The page's own time passes only in `step`: it draws when a test looks at it.
+
+    :ivar covered: share of the height of the picture that the panel covers
     """
 
     def __init__(self, browser, address, skill, size=SIZE):
         """:param skill: that is looked at first"""
-        self.view = first_view(of_skill(skill).poses[:, :3])
         self.page = browser.new_page(viewport=size)
         self.errors, self.foreign = [], []
         self.page.on('console', self._on_console)
@@ -84,6 +86,11 @@ class Page:
         # A note that the browser draws by software, in front of the panel.
         self.page.locator('#webgl-software-rendering button').click()
         self.step()
+        # As the page does (`gdmp_ros.studio.scene.Scene`).
+        canvas = self.page.locator('canvas').first.bounding_box()
+        self.covered = COVERED if canvas['width'] < PHONE else 0.0
+        self.view = first_view(of_skill(skill).poses[:, :3], canvas['width'] / canvas['height'],
+                               self.covered)
 
     def _on_console(self, message):
         if message.type == 'error':

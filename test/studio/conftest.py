@@ -1,8 +1,9 @@
-"""A folder with skills and takes for the studio."""
+"""A folder with skills and takes for the studio, and a browser."""
 import pytest
 
 from gdmp_ros.data import recordings
 from gdmp_ros.dmp.skill import Skill
+from test.studio.browser import opened_browser
 
 
 @pytest.fixture(scope='module')
@@ -14,3 +15,9 @@ def folder(letters, tmp_path_factory):
     Skill.learn(letters[:3], 30).save(path / 'skill.json')
     Skill.learn(letters[3], 30).save(path / 'other.json')
     return path
+
+
+@pytest.fixture(scope='module')
+def browser():
+    with opened_browser() as found:
+        yield found

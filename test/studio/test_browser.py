@@ -11,7 +11,7 @@ import pytest
 from gdmp_ros import Skill
 from gdmp_ros.studio.scene import colour
 from test.commands import gdmp
-from test.studio.browser import needs_browser, opened_browser, Page, StudioProcess
+from test.studio.browser import needs_browser, Page, StudioProcess
 from test.studio.test_page import ends_at
 
 
@@ -21,12 +21,6 @@ def studio(folder):
     yield process
     rest, code = process.end()
     assert code == 0 and 'Traceback' not in rest
-
-
-@pytest.fixture(scope='module')
-def browser():
-    with opened_browser() as found:
-        yield found
 
 
 @pytest.fixture(scope='module')

@@ -7,10 +7,8 @@ from PIL import Image
 import pytest
 
 from gdmp_ros import Skill
-from gdmp_ros.studio.first_view import first_view
 from gdmp_ros.studio.motion import of_skill
-from gdmp_ros.studio.scene import COVERED
-from test.studio.browser import needs_browser, opened_browser, Page, StudioProcess
+from test.studio.browser import needs_browser, Page, StudioProcess
 from test.studio.test_first_view import SKILLS
 from test.studio.test_page import ends_at
 
@@ -29,12 +27,8 @@ class Sized(Page):
         super().__init__(browser, address, skill, {'width': width, 'height': height})
         self.wait('the path', lambda text: 'ends at' in text or None)
         canvas = self.page.locator('canvas').first.bounding_box()
-        self.is_phone = size == 'phone'
         self.width = int(canvas['width'])
-        self.height = int(canvas['height'] * (1.0 - COVERED if self.is_phone else 1.0))
-        self.view = first_view(of_skill(skill).poses[:, :3],
-                               canvas['width'] / canvas['height'],
-                               COVERED if self.is_phone else 0.0)
+        self.height = int(canvas['height'] * (1.0 - self.covered))
 
     def picture(self):
         """What is drawn in the free part of the page."""
@@ -70,12 +64,6 @@ class Sized(Page):
         return box['x'] >= 0 and box['x'] + box['width'] <= page['width'] and box['height'] > 10
 
 
-@pytest.fixture(scope='module')
-def browser():
-    with opened_browser() as found:
-        yield found
-
-
 @pytest.mark.parametrize('name', SHOWN)
 def test_at_first_sight_the_path_fills_half_of_the_picture_beside_goal_and_arm(
         name, browser, tmp_path):
@@ -89,11 +77,9 @@ def test_at_first_sight_the_path_fills_half_of_the_picture_beside_goal_and_arm(
         smaller = min(page.width, page.height)
         assert max(np.ptp(rows), np.ptp(columns)) >= 0.5 * smaller
         # Where the view says that it is; the balls of start and goal cover its ends.
-        path = np.array([page.pixel(point) for point in of_skill(skill).poses[:, :3]])
+        x, y = np.transpose([page.pixel(point) for point in of_skill(skill).poses[:, :3]])
         np.testing.assert_allclose([columns.min(), columns.max(), rows.min(), rows.max()],
-                                   [*path[:, 0][[path[:, 0].argmin(), path[:, 0].argmax()]],
-                                    *path[:, 1][[path[:, 1].argmin(), path[:, 1].argmax()]]],
-                                   atol=25.0)
+                                   [x.min(), x.max(), y.min(), y.max()], atol=25.0)
         x, y = page.pixel(skill.goal[:3])
         assert 0 <= x <= page.width and 0 <= y <= page.height
         rows, columns = page.pixels_of('arm')
@@ -170,6 +156,6 @@ def test_layers_are_shown_and_hidden(page):
 def test_the_panel_folds_and_shows_what_is_behind_it(page):
     title = page.page.get_by_text(re.compile('^gdmp studio')).first
     page.page.get_by_role('tab', name='skill', exact=True).wait_for()
-    (title if page.is_phone else page.page.locator('.tabler-icon-chevrons-right').first).click()
+    (title if page.covered else page.page.locator('.tabler-icon-chevrons-right').first).click()
     page.wait_for('a folded panel', lambda: not page.page.get_by_role(
         'tab', name='skill', exact=True).is_visible())
