@@ -65,15 +65,8 @@ start, goal, via = first.points[0], first.points[-1], motion.points[4]
 covariance = 1e-4 * np.eye(shown.manifold.tangent_size)
 """
 NAMES = {'docs/skills.md': _SKILLS, 'docs/adapting_skills.md': _SKILLS, 'docs/obstacles.md': """
-import numpy as np
-from gdmp_ros import Demonstration, Skill
-from gdmp_ros.manifolds.poses import tool_manifold
-from gdmp_ros.util.profiles import minimum_jerk
-times = np.linspace(0.0, 3.0, 300)
-shares = minimum_jerk(times / 3.0)
-skill = Skill.learn(Demonstration(times, np.column_stack(
-    [0.45 + 0.0 * shares, 0.6 * shares - 0.3, 0.3 + 0.0 * shares, np.tile(
-        [0.0, 1.0, 0.0, 0.0], (300, 1))]), tool_manifold(None)))
+from gdmp_ros.cli.main import main
+main(['examples', 'skills', 'pick-and-place', '-o', 'gallery'])
 """, 'docs/frames.md': """
 import numpy as np
 from gdmp_ros.data import lasa

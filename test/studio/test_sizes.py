@@ -36,16 +36,32 @@ class Sized(Page):
         drawn = np.asarray(Image.open(BytesIO(self.page.screenshot())).convert('RGB'), int)
         return drawn[:self.height, :self.width]
 
+    def settled(self):
+        """What is drawn in the free part of the page as soon as it stays the same."""
+        last = [self.picture()]
+
+        def same():
+            last.append(self.picture())
+            return last[-1] if (last[-1] == last[-2]).all() else None
+        return self.wait_for('a picture that stays', same)
+
     def pixels_of(self, layer):
         """Rows and columns of the pixels that a layer of the view draws."""
         box = self.page.get_by_label(f'show {layer}')
         box.scroll_into_view_if_needed()
-        before = self.picture()
-        box.click()
-        self.wait_for(f'a hidden {layer}', lambda: (self.picture() != before).any())
-        drawn = np.abs(self.picture() - before).max(axis=2) > 30
-        box.click()
-        return np.nonzero(drawn)
+
+        def switched(before):
+            box.click()
+            self.wait_for(f'another picture: {layer}', lambda: (self.picture() != before).any())
+            return self.settled()
+
+        def drawn():
+            shown = self.settled()
+            hidden = switched(shown)
+            # A mesh that arrives meanwhile would count as a part of the layer.
+            same = (switched(hidden) == shown).all()
+            return np.abs(hidden - shown).max(axis=2) > 30 if same else None
+        return np.nonzero(self.wait_for(f'{layer} as the only change', drawn))
 
     def open_folder(self, name):
         """Open a folder of the panel."""
