@@ -22,7 +22,7 @@ help:
 	@echo 'make fuzz       a coverage-guided fuzzer on every entrance (hours), in out/fuzz'
 	@echo 'make interop    files of other programs, written and read by their real libraries (gigabytes)'
 	@echo 'make docs       the documentation as a site, in out/site'
-	@echo 'make pages      every command of every page, and the Docker image where docker is there (hours)'
+	@echo 'make pages      every command of every page, and the Docker image where an engine is there (hours)'
 	@echo 'make clean      remove the environment and all results'
 
 # -S: the start-up hooks of an active environment are not for the new one.
