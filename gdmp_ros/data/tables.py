@@ -152,6 +152,8 @@ def _columns(path: Path, names: list[str], rows: list[tuple[int, str]], delimite
 
     :param rows: line numbers and lines
     """
+    if not rows:
+        raise DataError(f'{path}: no row of numbers below the heading {" ".join(names)[:60]!r}')
     text = [line.replace(',', '.') if comma else line for _, line in rows]
     try:
         table = np.loadtxt(text, delimiter=delimiter, ndmin=2, comments=None)

@@ -73,7 +73,7 @@ class Studio:
     :ivar on_goal: called with the goal pose that the user has moved
     :ivar on_object: called with name and pose of an object that the user has moved
     :ivar on_view: called with the newest view of the robot
-    :ivar on_takes: called when takes were opened
+    :ivar on_opened: called when something was opened
     :ivar on_quiet: called when what takes longer has been computed
     """
 
@@ -105,7 +105,7 @@ class Studio:
         self.on_object: list[Callable[[str, np.ndarray], None]] = []
         self.on_view: list[Callable[[RobotView | None], None]] = []
         self.on_quiet: list[Callable[[], None]] = []
-        self.on_takes: list[Callable[[], None]] = []
+        self.on_opened: list[Callable[[], None]] = []
         self._quiet_at, self._ended, self._dragging = 0.0, False, False
         self._past: list[tuple[float, np.ndarray]] = []
         # The skill that was looked at, and whether there was anything.

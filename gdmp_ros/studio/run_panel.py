@@ -125,8 +125,7 @@ class SequencePanel:
 
     def __init__(self, studio: Studio):
         self._studio, gui = studio, studio.server.gui
-        names = tuple(studio.bench.sequences)
-        self._choice = gui.add_dropdown('sequence', names)
+        self._choice = gui.add_dropdown('sequence', tuple(studio.bench.sequences))
         self._choice.on_update(studio.later(self._list))
         self._first = gui.add_slider('first step', 1, 2, 1, 1)
         gui.add_button('start the sequence', color='green').on_click(studio.later(self._start))
@@ -139,6 +138,12 @@ class SequencePanel:
         self._paths: dict[int, np.ndarray] = {}
         studio.on_view.append(self._show)
         self._list()
+
+    def update(self) -> None:
+        """Offer the sequences that have been opened meanwhile."""
+        names = tuple(self._studio.bench.sequences)
+        if names != self._choice.options:
+            self._choice.options = names
 
     @property
     def _sequence(self) -> SkillSequence:

@@ -32,7 +32,7 @@ class ScenePanel:
         self._file = gui.add_text('scene file', 'scene.yaml')
         self._replace = gui.add_checkbox('replace an existing scene', False)
         gui.add_button('save the scene').on_click(studio.later(self._save))
-        studio.on_takes.append(self._opened)
+        studio.on_opened.append(self._opened)
         studio.on_motion.append(self._show)
         self._last = Scene()
         if len(studio.bench.scene):

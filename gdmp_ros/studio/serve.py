@@ -193,9 +193,16 @@ def page_of(studio: Studio) -> None:
         run = RunPanel(studio)
         with gui.add_folder('correct by hand', expand_by_default=False):
             correct = CorrectPanel(studio, run)
-    if studio.bench.sequences:
-        with tabs.add_tab('sequence'):
-            SequencePanel(studio)
+    shown: list[SequencePanel] = []
+
+    def show_sequences() -> None:
+        if shown:
+            shown[0].update()
+        elif studio.bench.sequences:
+            with tabs.add_tab('sequence'):
+                shown.append(SequencePanel(studio))
+    show_sequences()
+    studio.on_opened.append(show_sequences)
     with tabs.add_tab('teach'):
         teach = TeachPanel(studio)
     with tabs.add_tab('surroundings'):

@@ -9,11 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import viser
 
-from gdmp_ros.choices import SEQUENCES
 from gdmp_ros.data import foreign
 from gdmp_ros.dmp.frames import BASE
 from gdmp_ros.dmp.options import SHORTEST_DURATION
-from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError
 from gdmp_ros.learning.correction import Push
 from gdmp_ros.playback.streamed_skill import is_of_joints
@@ -22,9 +20,8 @@ from gdmp_ros.studio.commands import Changes
 from gdmp_ros.studio.robot import RobotView
 from gdmp_ros.studio.run_panel import RunPanel
 from gdmp_ros.studio.scene import BEFORE
-from gdmp_ros.studio.workbench import is_scene
 
-NONE = 'none yet'
+NONE, CHOOSE = 'none yet', 'choose one'
 #: Spacing of an exported motion [s].
 EXPORT_STEP_S = 0.01
 PUSH, GOAL = 'push', 'goal'
@@ -72,9 +69,14 @@ class SkillPanel:
             self._opened = gui.add_text('open', '', hint='skill, sequence, scene, take, folder of '
                                         'takes, or recorded run; counted from the folder where '
                                         'the studio was started')
-            gui.add_button('open the file').on_click(studio.later(self._open))
-            upload = gui.add_upload_button('send a skill file from this browser',
-                                           mime_type='application/json')
+            gui.add_button('open the file').on_click(
+                studio.later(lambda: self._open(self._opened.value.strip())))
+            self._recent = gui.add_dropdown('recent', self._remembered(),
+                                             hint='files and folders that were opened last')
+            self._recent.on_update(studio.entered(self._open))
+            upload = gui.add_upload_button('send a file from this browser',
+                                           hint='skill, scene, or recording in one file; it is '
+                                                'kept in the folder of the studio')
             upload.on_upload(self._uploaded)
             self._file = gui.add_text('file', 'skill.json',
                                       hint='counted from the folder where the studio was started')
@@ -94,7 +96,7 @@ class SkillPanel:
 
     async def _uploaded(self, event: Any) -> None:
         sent = event.target.value
-        self._studio.jobs.put(partial(self._take_upload, sent.name, sent.content))
+        self._studio.jobs.put(lambda: self._receive(sent.name, sent.content))
 
     def _choose(self, name: str) -> None:
         if name in self._studio.bench.skills:
@@ -168,30 +170,31 @@ class SkillPanel:
             self._studio.redraw()
         return back
 
-    def _open(self) -> None:
-        studio, name = self._studio, self._opened.value.strip()
+    def _open(self, name: str) -> None:
+        studio = self._studio
+        if name == CHOOSE:
+            return
         if not name:
             raise DataError('open: expected the name of a file or folder')
-        if Path(name).suffix in SEQUENCES and not studio.bench.sequences and (
-                not is_scene(Path(name))):
-            raise DataError(f'{name}: a sequence is opened at the start: gdmp studio {name}')
-        found = studio.bench.open(Path(name))
-        for tell in studio.on_takes:
+        self._show_opened(name, studio.bench.open(Path(name)))
+
+    def _receive(self, name: str, content: bytes) -> None:
+        """Keep and open a file that a browser has sent."""
+        self._show_opened(name, self._studio.bench.receive(name, content, self._replace.value))
+
+    def _show_opened(self, name: str, kind: str) -> None:
+        studio = self._studio
+        added = kind.removeprefix('skill ')
+        if added in studio.bench.skills and not studio.bench.unsaved:
+            studio.bench.choose(added)
+        self._recent.options, self._recent.value = self._remembered(), CHOOSE
+        for tell in studio.on_opened:
             tell()
         studio.redraw()
-        studio.notify('opened', f'{name}: {found}', 'green')
+        studio.notify('opened', f'{name}: {kind}', 'green')
 
-    def _take_upload(self, name: str, content: bytes) -> None:
-        """Add a skill that a browser has sent."""
-        studio = self._studio
-        if Path(name).suffix != '.json':
-            raise DataError(f'{name}: expected a skill file (.json); other files are opened by '
-                            'their name')
-        skill = Skill.parse(content.decode(errors='replace'), name)
-        added = studio.bench.add(Path(name).stem, skill)
-        studio.bench.choose(added)
-        studio.redraw()
-        studio.notify('opened', f'skill {added}', 'green')
+    def _remembered(self) -> tuple[str, ...]:
+        return (CHOOSE, *map(str, self._studio.bench.recent.paths()))
 
     def _add_via(self) -> None:
         studio, progress = self._studio, 0.01 * self._at.value

@@ -70,7 +70,7 @@ class TeachPanel:
         self._rows: list[Any] = []
         self._pulled, self._asked = False, 0.0
         studio.on_view.append(self._show)
-        studio.on_takes.append(self._show_takes)
+        studio.on_opened.append(self._show_takes)
         self._show_takes()
 
     def _guide(self, guided: bool) -> None:

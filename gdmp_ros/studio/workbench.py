@@ -26,7 +26,8 @@ from gdmp_ros.scene import read_scene, Scene
 from gdmp_ros.scene.scene import MAX_BYTES
 from gdmp_ros.studio.commands import Changes
 from gdmp_ros.studio.motion import check_shown, of_run, ShownMotion
-from gdmp_ros.util.files import read_text
+from gdmp_ros.studio.recent import RecentFiles
+from gdmp_ros.util.files import read_text, write_bytes
 
 #: Most messages on a topic of a bag.
 LARGEST = 600_000
@@ -59,14 +60,21 @@ class Workbench:
     :ivar runs: what was sent and what the arm did, by name of the bag
     :ivar sequences: by name of the file
     :ivar scene: what stands around the arm
+    :ivar recent: what was opened last, in other studios too
     :ivar joints: names of the joints of the arm; empty before there is one (`serve`)
     :ivar chosen: name of the skill that is changed; empty without one
     :ivar changes: of that skill
     """
 
-    def __init__(self, reading: Import | None = None) -> None:
-        """:param reading: what is said about takes in files of other programs"""
+    def __init__(self, reading: Import | None = None, recent: RecentFiles | None = None) -> None:
+        """
+        Begin with nothing.
+
+        :param reading: what is said about takes in files of other programs
+        :param recent: by default that of the user
+        """
         self._reading = reading or Import()
+        self.recent = recent or RecentFiles()
         self.takes: list[Take] = []
         self.skills: dict[str, Skill] = {}
         self.runs: dict[str, tuple[ShownMotion, ShownMotion]] = {}
@@ -177,6 +185,36 @@ class Workbench:
         """
         if not source.exists():
             raise DataError(f'{source}: there is no such file or folder')
+        kind = self._open(source)
+        self.recent.add(source)
+        return kind
+
+    def receive(self, name: str, content: bytes, replace_file: bool = False) -> str:
+        """
+        Keep a file that a browser has sent in the present folder, and open it.
+
+        :param name: of the file; its folder, on another machine, does not count
+        :returns: what it is
+        :raises DataError: if there is a file of this name already, it cannot be written, or it
+            cannot be read; nothing is kept then
+        """
+        path = Path(Path(name).name)
+        if path.exists() and not replace_file:
+            raise DataError(f'{path}: exists already; tick "replace an existing file"')
+        if not content:
+            raise DataError(f'{name}: the file is empty')
+        old = path.read_bytes() if path.exists() else None
+        try:
+            write_bytes(path, content)
+        except OSError as error:
+            raise DataError(f'{path}: cannot write: {error.strerror}') from None
+        try:
+            return self.open(path)
+        except DataError:
+            path.unlink() if old is None else write_bytes(path, old)
+            raise
+
+    def _open(self, source: Path) -> str:
         if source.suffix == '.json' and not source.is_dir():
             return f'skill {self.open_skill(source)}'
         if source.suffix in SEQUENCES and not source.is_dir():

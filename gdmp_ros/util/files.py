@@ -1,4 +1,4 @@
-"""Text files that are read whole, and written whole or not at all."""
+"""Files that are read whole, and written whole or not at all."""
 from __future__ import annotations
 
 from collections.abc import Mapping
@@ -14,15 +14,20 @@ from gdmp_ros.errors import DataError
 
 
 def write_text(path: Path, text: str) -> None:
+    """Write a text file (see `write_bytes`)."""
+    write_bytes(path, text.encode())
+
+
+def write_bytes(path: Path, content: bytes) -> None:
     """
-    Write a text file in a temporary place and move it to ``path``.
+    Write a file in a temporary place and move it to ``path``.
 
     :raises OSError: if it cannot be written; an old file stays
     """
     handle, partial = tempfile.mkstemp(dir=path.parent, prefix=f'.{path.name}.')
     try:
-        with os.fdopen(handle, 'w') as out:
-            out.write(text)
+        with os.fdopen(handle, 'wb') as out:
+            out.write(content)
         os.chmod(partial, 0o644)
         os.replace(partial, path)
     except BaseException:

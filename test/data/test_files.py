@@ -247,6 +247,7 @@ REFUSED = {
     'short_line.csv': (text(NAMES, ROWS) + '1,2,3\n', {}, 'line 203: 3 numbers, expected 8'),
     'no_heading.csv': (text([], ROWS), {}, 'expected the names of the columns'),
     'empty.csv': ('', {}, 'there is nothing in it'),
+    'heading.csv': ('t,x,y,z\n', {}, "no row of numbers below the heading 't x y z'"),
     'binary.csv': ('a\0b', {}, 'it is no text'),
     'word.docx': ('x', {}, 'format not read'),
 }

@@ -6,6 +6,14 @@ from gdmp_ros.dmp.skill import Skill
 from test.studio.browser import opened_browser
 
 
+@pytest.fixture(scope='session', autouse=True)
+def own_state(tmp_path_factory):
+    """What the studio remembers is not that of the user who runs the tests."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv('XDG_STATE_HOME', str(tmp_path_factory.mktemp('state')))
+        yield
+
+
 @pytest.fixture(scope='module')
 def folder(letters, tmp_path_factory):
     path = tmp_path_factory.mktemp('studio')

@@ -363,8 +363,9 @@ def test_layers_are_hidden_and_shown(page):
     assert not scene.arm._root.visible
 
 
-def test_files_are_opened_from_the_page(folder, monkeypatch):
+def test_files_are_opened_from_the_page(folder, monkeypatch, tmp_path):
     monkeypatch.chdir(folder)
+    monkeypatch.setenv('XDG_STATE_HOME', str(tmp_path))
     with opened_page(folder) as page:
         page.wait_text('No skill yet')
         page.click('save the skill')
@@ -372,16 +373,27 @@ def test_files_are_opened_from_the_page(folder, monkeypatch):
         page.click('open the file')
         page.wait_text('expected the name of a file')
         field = next(part for part in page._parts() if getattr(part, 'label', None) == 'open')
+        (folder / 'again.yaml').write_text('steps: [{skill: other.json}, {hold: 1}]')
+        assert 'start the sequence' not in page.text()
         for name, said in (('nothing.json', 'no such file'), ('skill.json', 'skill skill'),
-                           ('takes', 'recordings')):
+                           ('takes', 'recordings'), ('again.yaml', 'sequence again.yaml')):
             field.value = name
             page.click('open the file')
             page.wait_text(said)
         assert page.part('skill').value == 'skill' and len(page.studio.bench.takes) == 3
         page.wait_text('take_001')
-        panel = next(part for part in page._parts()
-                     if getattr(part, 'label', None) == 'send a skill file from this browser')
-        assert panel is not None
+        page.wait_text('other')
+        page.click('start the sequence')
+        page.wait_text('step 1 of 2')
+        page.click('stop the sequence')
+        page.wait('the end', lambda text: '**holding**' in text)
+    with opened_page(folder) as page:
+        recent = page.part('recent')
+        assert recent.options == ('choose one', *(
+            str(folder / name) for name in ('again.yaml', 'takes', 'skill.json')))
+        page.enter('recent', str(folder / 'skill.json'))
+        page.wait_text('skill skill')
+        assert recent.value == 'choose one' and recent.options[1] == str(folder / 'skill.json')
 
 
 def test_obstacles_are_added_dragged_and_the_motion_is_led_around(page, folder):

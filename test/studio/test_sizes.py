@@ -71,6 +71,7 @@ class Sized(Page):
     def write(self, label, text):
         """Write into the field of a text."""
         self.page.locator(f'xpath=//label[text()="{label}"]/following::input[1]').fill(text)
+        self.step(4)  # the page sends a text after a while, a click at once
 
     def inside(self, locator):
         """Whether a part of the panel is as wide as the page allows."""
@@ -160,6 +161,18 @@ def test_a_file_is_opened(page):
     page.click('open the file')
     page.wait('what was opened', lambda text: 'opened' in text)
     page.wait('its path', lambda text: 'ends at' in text)
+
+
+def test_a_file_is_sent_from_the_browser(page, folder, tmp_path):
+    page.tab('skill')
+    sent = tmp_path / f'sent_{page.width}.json'
+    sent.write_bytes((folder / 'other.json').read_bytes())
+    page.page.locator('input[type=file]').set_input_files(sent)
+    page.wait('what was sent', lambda text: f'{sent.name}: skill {sent.stem}' in text)
+    assert Skill.load(folder / sent.name).goal.tolist() == Skill.load(sent).goal.tolist()
+    sent.write_text('{}')
+    page.page.locator('input[type=file]').set_input_files(sent)
+    page.wait('the refusal', lambda text: f'{sent.name}: exists already' in text)
 
 
 def test_layers_are_shown_and_hidden(page):

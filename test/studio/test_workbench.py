@@ -8,6 +8,7 @@ from gdmp_ros.errors import DataError, GdmpError
 from gdmp_ros.studio import workbench
 from gdmp_ros.studio.commands import Jobs
 from gdmp_ros.studio.motion import of_skill, SAMPLES, tube
+from gdmp_ros.studio.recent import RecentFiles
 from gdmp_ros.studio.workbench import opened, Workbench
 from test.motions import motion
 
@@ -73,6 +74,40 @@ def test_what_cannot_be_opened_is_named(tmp_path):
     (tmp_path / 'empty').mkdir()
     with pytest.raises(DataError, match='neither a rosbag2 folder'):
         opened([tmp_path / 'empty'])
+
+
+def test_what_a_browser_sends_is_kept_or_refused_as_a_whole(folder, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    bench, sent = Workbench(), (folder / 'skill.json').read_bytes()
+    assert bench.receive('/somewhere/else/mine.json', sent) == 'skill mine'
+    assert (tmp_path / 'mine.json').read_bytes() == sent and bench.recent.paths()[0] == (
+        tmp_path / 'mine.json')
+    with pytest.raises(DataError, match='mine.json: exists already'):
+        bench.receive('mine.json', sent)
+    with pytest.raises(DataError, match='not a skill'):
+        bench.receive('mine.json', b'{}', replace_file=True)
+    assert (tmp_path / 'mine.json').read_bytes() == sent
+    for name, content, reason in (('empty.json', b'', 'the file is empty'),
+                                  ('bad.json', b'\xff', 'bad.json'),
+                                  ('other.txt', b'words', 'other.txt: no row of numbers')):
+        with pytest.raises(DataError, match=reason):
+            bench.receive(name, content)
+    assert [path.name for path in tmp_path.iterdir()] == ['mine.json']
+
+
+def test_a_damaged_list_of_recent_files_is_an_empty_one(tmp_path):
+    recent = RecentFiles(tmp_path / 'state' / 'recent.json')
+    assert recent.paths() == []
+    for number in range(15):
+        (tmp_path / f'{number}.json').touch()
+        recent.add(tmp_path / f'{number}.json')
+    recent.add(tmp_path / '5.json')
+    (tmp_path / '14.json').unlink()
+    assert [path.stem for path in recent.paths()] == [
+        '5', '13', '12', '11', '10', '9', '8', '7', '6', '4', '3']
+    for damaged in ('{', '5', '[1, null]'):
+        (tmp_path / 'state' / 'recent.json').write_text(damaged)
+        assert recent.paths() == []
 
 
 def test_of_the_same_kind_only_the_newest_job_waits():
