@@ -176,21 +176,33 @@ def test_a_stiffness_that_grows_uses_what_others_release():
 
 
 def test_a_stiffness_grows_by_what_may_be_drawn_also_beyond_the_bounds_of_its_force(rng):
-    gains, reached = numbers_of(ImpedanceGains()), 0
+    gains, reached, shortened = numbers_of(ImpedanceGains()), 0, 0
     for _ in range(4 * DRAWS):
         old, target = coupled(rng).reshape(-1), coupled(rng).reshape(-1)
         error, numbers = 0.3 * rng.normal(size=6), np.empty(spring.SPRING_SIZE)
         budget = rng.uniform(0.0, 0.5)
         spring.make_spring(old, gains, numbers)
         before = spring.spring_energy(numbers, error)
+        by_modes, force = target.copy(), np.empty(6)
+        share = np.repeat(np.sqrt(spring.spring_force(numbers, error, force)), 3)
+        of_modes = energy_budget._limit_modes(old, by_modes, share * error, 10.0, budget,
+                                              np.zeros(len(LIMITS)))
         drawn, missing = energy_budget._change_stiffness(old, target, error, gains, 10.0, budget,
                                                          numbers, np.zeros(len(LIMITS)))
+        # What the modes do not explain shortens the whole change.
+        spring.make_spring(by_modes, gains, numbers)
+        beyond = max(spring.spring_energy(numbers, error) - before - budget, 0.0)
+        assert missing == pytest.approx(of_modes + beyond, abs=1e-12)
+        left = ((target - old) @ (by_modes - old)) / ((by_modes - old) @ (by_modes - old))
+        assert 0.0 <= left <= 1.0 and (left == pytest.approx(1.0)) == (beyond == 0.0)
+        np.testing.assert_allclose(target, old + left * (by_modes - old), atol=1e-9)
+        shortened += beyond > 0.0
         spring.make_spring(target, gains, numbers)
         assert spring.spring_energy(numbers, error) - before == pytest.approx(drawn, abs=1e-9)
         assert drawn <= budget + 1e-9 and missing >= 0.0
         reached += abs(drawn - budget) < 1e-4
         assert np.linalg.eigvalsh(target.reshape(6, 6)).min() > 0.0
-    assert reached > 10
+    assert reached > 10 and shortened > 10
 
 
 def test_modes_that_need_no_energy_grow_whatever_others_need():
@@ -209,6 +221,21 @@ def test_modes_that_need_no_energy_grow_whatever_others_need():
         assert missing == pytest.approx(0.006 * (2.0 - grown), abs=1e-12)
 
 
+def missing_apart(numbers, budget):
+    """Energy that stiffness and motion miss, one after the other; the memory stays [J]."""
+    kept, arm = numbers.copy(), memory.parts(numbers)
+    error, spring_numbers = np.empty(6), np.empty(spring.SPRING_SIZE)
+    spring.pose_error(arm.pose, arm.reference, error)
+    stiffness, wanted = (part[STIFFNESS:STIFFNESS + 36] for part in (arm.reference, arm.target))
+    spring.make_spring(stiffness, arm.gains, spring_numbers)
+    drawn, short = energy_budget._change_stiffness(
+        stiffness, wanted, error, arm.gains, 1.0, budget, spring_numbers, np.zeros(len(LIMITS)))
+    stiffness[:] = wanted
+    _, missing = energy_budget._move_reference(numbers, spring_numbers, budget - drawn)
+    numbers[:] = kept
+    return short + missing
+
+
 def test_stiffness_and_motion_together_draw_what_there_is(loop, rng):
     numbers = loop.controller.numbers
     arm, limited = memory.parts(numbers), 0
@@ -222,12 +249,13 @@ def test_stiffness_and_motion_together_draw_what_there_is(loop, rng):
         arm.violation[:] = 0.0
         before = spring.stored_energy(arm.pose, arm.reference, arm.gains)
         budget = rng.uniform(0.0, 0.1)
+        wanted = missing_apart(numbers, budget)
         drawn, stored = energy_budget.apply_energy_budget(numbers, 1.0, budget)
         after = spring.stored_energy(arm.pose, arm.reference, arm.gains)
         assert stored == pytest.approx(after) and drawn == pytest.approx(after - before, abs=1e-9)
         assert drawn <= budget + 1e-9
         short = arm.violation[ENERGY]
-        assert short == 0.0 or short > 1e-12
+        assert short == pytest.approx(wanted, abs=1e-12)
         limited += short > 0.0
         if short == 0.0:
             np.testing.assert_allclose(arm.reference[STIFFNESS], 500.0)

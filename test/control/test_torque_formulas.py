@@ -18,6 +18,8 @@ from gdmp_ros.control import (
     law,
     memory,
     plain_tick,
+    spring,
+    tank,
     torque_limits,
 )
 from gdmp_ros.control.friction import (
@@ -28,6 +30,7 @@ from gdmp_ros.control.friction import (
     without_friction,
 )
 from gdmp_ros.control.limits import (
+    ENERGY,
     JOINT_POSITION,
     LIMITS,
     STIFFNESS_RATE,
@@ -36,8 +39,10 @@ from gdmp_ros.control.limits import (
 from gdmp_ros.control.memory import JOINT_SPRINGS, TOOL_SPRING
 from gdmp_ros.control.settings import (
     ControllerSettings,
+    GAIN_NUMBERS,
     ImpedanceGains,
     LimitSettings,
+    TANK_NUMBERS,
 )
 from gdmp_ros.control.target import (
     DAMPING_RATIO,
@@ -152,6 +157,78 @@ def test_the_next_torque_begins_in_the_middle_of_those_that_are_compared(loop, r
     widest = (taken[1] - taken[0]).max()
     assert arm.scalars.cycle == pytest.approx(
         1e-3 - 0.5 * widest / LimitSettings().torque_slew)
+
+
+def missing_of(arm, energy, torque, power):
+    """What a torque would draw from a tank beyond what it may give [J]."""
+    scalars = record(memory.SCALARS, dt=arm.scalars.dt, energy=energy,
+                     coriolis=arm.scalars.coriolis)
+    return tank.missing_energy(scalars, record(TANK_NUMBERS, passive=1.0), arm.credit,
+                               arm.velocity, arm.rates, arm.bias, torque, power)
+
+
+def test_a_torque_without_energy_gives_way_to_a_brake_and_the_spring_pays_the_rest(rng):
+    made = ClosedLoop(Arm(), ControllerSettings(limits=LimitSettings(torque_slew=1e6)))
+    made.tick()
+    numbers, dt = made.controller.numbers, 1e-3
+    arm, braked, paid = memory.parts(numbers), 0, 0
+    kept = numbers.copy()
+    for _ in range(DRAWS):
+        numbers[:] = kept
+        s = arm.scalars
+        arm.velocity[:], s.law = rng.uniform(0.0, 0.3) * rng.normal(size=7), TOOL_SPRING
+        arm.twist[:] = arm.jacobian @ arm.velocity
+        arm.reference[:3] += 0.02 * rng.normal(size=3)
+        whole = arm.bias + 3.0 * rng.normal(size=7)
+        arm.torque[:], arm.push[:] = whole, 0.0
+        s.energy, s.stored = rng.uniform(-0.01, 0.02), spring.stored_energy(
+            arm.pose, arm.reference, arm.gains)
+        arm.violation[:] = 0.0
+        power = spring.spring_power(arm.pose, arm.twist, arm.reference, arm.gains, s.stored, dt)
+        energy, stored = float(s.energy), float(s.stored)
+        missing = missing_of(arm, energy, whole, power)
+        law._pay(numbers)
+        if missing <= 0.0:
+            np.testing.assert_array_equal(arm.torque, whole)
+            continue
+        assert arm.violation[ENERGY] == pytest.approx(missing)
+        driving = dt * arm.velocity @ (whole - arm.bias)
+        brake = min(max(missing - driving, 0.0) / (dt * arm.velocity @ arm.velocity),
+                    LimitSettings().joint_brake)
+        least = arm.bias - brake * arm.velocity
+        driving = dt * arm.velocity @ (whole - least)
+        left = max(1.0 - missing / driving, 0.0) if driving > 0.0 else 1.0
+        np.testing.assert_allclose(arm.torque, least + left * (whole - least), atol=1e-9)
+        braked += brake > 0.0
+        released = stored - s.stored
+        assert s.energy - energy == pytest.approx(released, abs=1e-12) and released >= 0.0
+        rest = missing_of(arm, energy, arm.torque, power)
+        if rest < 1e-9:
+            assert released < 1e-6  # what the halvings leave
+        else:
+            paid += 1
+            after = spring.stored_energy(arm.pose, arm.reference, arm.gains)
+            assert released > 0.0 and after == pytest.approx(stored - released)
+    assert braked > 5 and paid > 5
+
+
+def test_the_share_of_a_motion_of_the_joints_that_a_bounded_wrench_leaves(measured, rng):
+    gains, limited = numbers_of(ImpedanceGains()), 0
+    for _ in range(DRAWS):
+        wanted = measured.position + rng.uniform(0.0, 0.1) * rng.normal(size=7)
+        torque, twist, pushed = np.empty(7), np.empty(6), np.empty(6)
+        reduced = law._follow_joints(
+            measured.position, np.zeros(7), measured.bias, measured.jacobian, measured.inertia,
+            wanted, np.zeros(7), gains.view(GAIN_NUMBERS)[0], torque, twist)
+        active = measured.inertia @ (law.BANDWIDTH ** 2 * (wanted - measured.position))
+        impedance.external_wrench(measured.jacobian, measured.inertia, active,
+                                  ImpedanceGains().singularity, pushed)
+        share = min(1.0, *(most / np.linalg.norm(part) for most, part in zip(
+            ImpedanceGains().wrench_max, (pushed[:3], pushed[3:]))))
+        np.testing.assert_allclose(torque, measured.bias + share * active, atol=1e-9)
+        assert reduced == pytest.approx(1.0 - share, abs=1e-12)
+        limited += share < 1.0
+    assert 5 < limited < DRAWS
 
 
 @pytest.mark.parametrize('does', [TOOL_SPRING, JOINT_SPRINGS])
