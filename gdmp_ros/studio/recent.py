@@ -28,8 +28,8 @@ class RecentFiles:
             names = json.loads(read_text(self._file, 'list', _MAX_BYTES))
         except (DataError, ValueError):
             return []
-        return [Path(name) for name in names if isinstance(name, str) and os.path.exists(name)] \
-            if isinstance(names, list) else []
+        known = names if isinstance(names, list) else []
+        return [Path(name) for name in known if isinstance(name, str) and os.path.exists(name)]
 
     def add(self, path: Path) -> None:
         """Remember that a file was opened; nothing happens where the list cannot be written."""

@@ -19,7 +19,7 @@ from gdmp_ros.dmp.options import SHORTEST_DURATION
 from gdmp_ros.dmp.sequence import MotionStep, SkillSequence
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.dmp.via import through
-from gdmp_ros.errors import DataError
+from gdmp_ros.errors import DataError, GdmpError
 from gdmp_ros.learning.correction import correction, FollowedMotion, Push
 from gdmp_ros.playback.streamed_skill import is_of_joints
 from gdmp_ros.scene import read_scene, Scene
@@ -199,6 +199,8 @@ class Workbench:
             cannot be read; nothing is kept then
         """
         path = Path(Path(name).name)
+        if path.is_dir():
+            raise DataError(f'{name!r}: expected the name of a file')
         if path.exists() and not replace_file:
             raise DataError(f'{path}: exists already; tick "replace an existing file"')
         if not content:
@@ -210,8 +212,11 @@ class Workbench:
             raise DataError(f'{path}: cannot write: {error.strerror}') from None
         try:
             return self.open(path)
-        except DataError:
-            path.unlink() if old is None else write_bytes(path, old)
+        except GdmpError:
+            if old is None:
+                path.unlink()
+            else:
+                write_bytes(path, old)
             raise
 
     def _open(self, source: Path) -> str:

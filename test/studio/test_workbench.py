@@ -88,10 +88,11 @@ def test_what_a_browser_sends_is_kept_or_refused_as_a_whole(folder, tmp_path, mo
         bench.receive('mine.json', b'{}', replace_file=True)
     assert (tmp_path / 'mine.json').read_bytes() == sent
     for name, content, reason in (('empty.json', b'', 'the file is empty'),
+                                  ('..', b'{}', 'expected the name of a file'),
                                   ('bad.json', b'\xff', 'bad.json'),
                                   ('other.txt', b'words', 'other.txt: no row of numbers')):
         with pytest.raises(DataError, match=reason):
-            bench.receive(name, content)
+            bench.receive(name, content, replace_file=name == '..')
     assert [path.name for path in tmp_path.iterdir()] == ['mine.json']
 
 
