@@ -143,7 +143,8 @@ def test_costs_and_distances_are_judged():
     result = fig7.verdict(grown)
     assert result.holds
     assert result.measured['parallel_grows_as_m_to_the'] == pytest.approx(2.5)
-    assert not fig7.verdict({**grown, 'along_us': 0.5 * sizes ** 2.5}).holds
+    for spoiled in ({'along_us': 0.5 * sizes ** 2.5}, {'published_us': 3.1 * sizes ** 2.5}):
+        assert not fig7.verdict({**grown, **spoiled}).holds
 
 
 def test_a_table_without_a_cell_of_ours_does_not_hold():
