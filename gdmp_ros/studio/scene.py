@@ -111,7 +111,7 @@ def _mesh(shape: Shape) -> trimesh.Trimesh:
 
 
 #: Colours: of a path before a correction, of one around obstacles, of these.
-BEFORE, _AROUND, _VOLUME = (150, 150, 220), (20, 130, 60), (217, 115, 51)
+BEFORE, _AROUND, _VOLUME = (0, 170, 200), (20, 130, 60), (217, 115, 51)
 #: What can be hidden, with its colour and what it is.
 LAYERS: dict[str, tuple[_Colour | None, str]] = {
     'arm': (None, 'the arm'), 'path': (colour(1), 'the path of the skill; red: out of reach'),

@@ -162,6 +162,16 @@ def test_a_recorded_run_has_curves_of_error_and_force():
     assert done.recorded and len(curves['force'].values) == len(done.times)
 
 
+def test_a_recorded_run_is_shown_without_a_skill(folder):
+    with opened_page(folder) as page:
+        page.wait_text('No skill yet')
+        page.studio.bench.runs['monday'] = of_states(recorded_run(), [])
+        page.studio.jobs.put(page.studio.redraw)
+        page.wait('the run', lambda text: 'No skill yet' not in text)
+        assert page.part('skill').value == 'run monday'
+        assert {'error', 'force'} <= set(page.part('curve').options)
+
+
 def test_commands_are_written_with_the_definition_of_the_message():
     fields = [line.partition('#')[0].split() for line in
               (ROOT / 'msg_defs/msg/GripperCommand.msg').read_text().splitlines()]

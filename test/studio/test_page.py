@@ -7,6 +7,7 @@ import pytest
 from gdmp_ros import Demonstration, Skill
 from gdmp_ros.data import bags, recordings
 from gdmp_ros.scene import read_scene
+from gdmp_ros.studio.scene import LAYERS
 from test.data.test_objects import transform
 from test.motions import circles
 from test.studio.lockstep import opened_page
@@ -346,6 +347,12 @@ def test_only_what_is_selected_has_a_handle(page):
     page.click('remove the via points')
     assert set(scene.handles('')) == {'goal'} and page.part(
         'move with the handle').value == 'goal'
+
+
+def test_the_path_before_a_correction_is_seen_beside_that_after_it_and_the_takes():
+    before, after, takes = (np.array(LAYERS[name][0]) for name in ('before', 'path', 'takes'))
+    for one, other in ((before, after), (before, takes), (after, takes)):
+        assert np.abs(one - other).max() > 100
 
 
 def test_layers_are_hidden_and_shown(page):
