@@ -21,7 +21,7 @@ from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayou
 from gdmp_ros.control.joint_target import joints_of
 from gdmp_ros.control.limits import LIMITS
 from gdmp_ros.control.measurement import Tick
-from gdmp_ros.control.reference_check import Origin, QUATERNION_TOLERANCE
+from gdmp_ros.control.reference_check import LARGEST_NUMBER, Origin, QUATERNION_TOLERANCE
 from gdmp_ros.control.target import (
     ACCELERATION,
     DAMPING_RATIO,
@@ -207,7 +207,8 @@ def checked_pose(message: PoseStamped, frame: str) -> np.ndarray:
     """
     (x, y, z, qw, qx, qy, qz) of a pose, normalised.
 
-    :raises ManifoldError: if the frame is wrong, a number not finite, or the quaternion not unit
+    :raises ManifoldError: if the frame is wrong, a number not finite or huge, or the quaternion
+        not unit
     """
     if message.header.frame_id != frame:
         raise ManifoldError(f'pose is in frame {message.header.frame_id!r}, expected {frame!r}')
@@ -218,7 +219,7 @@ def checked_numbers(pose: Pose) -> np.ndarray:
     """
     (x, y, z, qw, qx, qy, qz) of a pose, normalised.
 
-    :raises ManifoldError: if a number is not finite, or the quaternion not unit
+    :raises ManifoldError: if a number is not finite or huge, or the quaternion not unit
     """
     return _normalized(pose_numbers(pose))
 
@@ -227,7 +228,7 @@ def transform_numbers(transform: Transform) -> np.ndarray:
     """
     (x, y, z, qw, qx, qy, qz) of a transform, normalised.
 
-    :raises ManifoldError: if a number is not finite, or the quaternion not unit
+    :raises ManifoldError: if a number is not finite or huge, or the quaternion not unit
     """
     return _normalized(np.array(bags.transform_numbers(transform)))
 
@@ -241,6 +242,10 @@ def set_transform(transform: Transform, numbers: np.ndarray) -> None:
 def _normalized(numbers: np.ndarray) -> np.ndarray:
     if not np.isfinite(numbers).all():
         raise ManifoldError('pose has a NaN or infinite number')
+    farthest = np.abs(numbers[:3]).max()
+    if farthest > LARGEST_NUMBER:
+        raise ManifoldError(f'a coordinate of the pose is {farthest:.3g} m, expected at most '
+                            f'{LARGEST_NUMBER:g}')
     norm = float(np.linalg.norm(numbers[3:]))
     if abs(norm - 1.0) > QUATERNION_TOLERANCE:
         raise ManifoldError(f'quaternion norm is {norm:.6g}, expected 1 within '

@@ -18,7 +18,7 @@ import numpy as np
 from rclpy.serialization import serialize_message
 
 from gdmp_ros.control.joint_target import joint_target_size
-from gdmp_ros.control.reference_check import QUATERNION_TOLERANCE
+from gdmp_ros.control.reference_check import LARGEST_NUMBER, QUATERNION_TOLERANCE
 from gdmp_ros.control.target import TARGET_SIZE
 from gdmp_ros.data.bags import joint_target, ns_of, reference_target
 from gdmp_ros.ros.messages import checked_pose, fill_joint_reference, fill_reference, NS
@@ -77,7 +77,8 @@ class PoseReader:
         if len(data) >= self._size and self._frame.passes(data):
             x, y, z, qx, qy, qz, qw = struct.unpack_from('<7d', data, self._numbers)
             norm = math.sqrt(qw * qw + qx * qx + qy * qy + qz * qz)
-            if math.isfinite(x + y + z) and abs(norm - 1.0) <= QUATERNION_TOLERANCE:
+            if (abs(x) <= LARGEST_NUMBER and abs(y) <= LARGEST_NUMBER and abs(z) <= LARGEST_NUMBER
+                    and abs(norm - 1.0) <= QUATERNION_TOLERANCE):
                 return np.array([x, y, z, qw / norm, qx / norm, qy / norm, qz / norm])
         return self._other(deserialized(data, PoseStamped))
 

@@ -513,9 +513,11 @@ def service_learn_skill() -> Entrance:
         request.output = request.output or 'skill.json'
         with suppress(GdmpError):
             _, command = made.node._learning.command(request)
-            after = command[command.index('--') + 1:]
-            if after != list(request.bags) or sum(w.startswith('-') for w in
-                                                  command[:command.index('--')]) != 6:
+            ends = command.index('--')
+            options = {word.partition('=')[0] for word in command[:ends] if word[0] == '-'}
+            if command[ends + 1:] != list(request.bags) or not options <= {
+                    '-m', '--output', '--json', '--stiffness', '--n-basis', '--connection',
+                    '--rhythmic'}:
                 raise AssertionError(f'an option came in: {command}')
     return Entrance(feed, [serialize_message(one) for one in (
         LearnSkill.Request(bags=['demo'], n_basis=30, connection='parallel', output='x.json'),

@@ -19,23 +19,29 @@ import subprocess
 import sys
 import time
 
+import gdmp_ros
+
 #: Watched for new branches; kernels are compiled and cannot be.
 WATCHED = ['gdmp_ros.ros', 'gdmp_ros.playback', 'gdmp_ros.data', 'gdmp_ros.realtime', 'rosbags']
 LIVE = 'raw_bytes_over_dds'
+
+
+def modules_with_kernels() -> list[str]:
+    """Names of the modules of the package whose functions are compiled."""
+    package = Path(gdmp_ros.__file__).parent
+    return ['.'.join(path.relative_to(package.parent).with_suffix('').parts)
+            for path in sorted(package.rglob('*.py')) if '\n@kernel' in path.read_text()]
 
 
 def fuzz_here(name: str, runs: int, folder: Path) -> None:
     """Fuzz one entrance in this process, which does not return."""
     import atheris
 
-    # Kernels first: what has been imported is left as it is.
-    for module in ('gdmp_ros.sim.closed_loop', 'gdmp_ros.playback.plain_tick'):
-        importlib.import_module(module)
     skill_file = importlib.import_module('gdmp_ros.dmp.skill_file')
     for key, function in list(vars(skill_file).items()):
         if inspect.isfunction(function) and function.__module__ == skill_file.__name__:
             setattr(skill_file, key, atheris.instrument_func(function))
-    with atheris.instrument_imports(include=WATCHED):
+    with atheris.instrument_imports(include=WATCHED, exclude=modules_with_kernels()):
         from test.fuzz.entrances import ENTRANCES
         entrance = ENTRANCES[name]()
     for seed in entrance.seeds:

@@ -7,8 +7,11 @@ import json
 from pathlib import Path
 
 from gdmp_msgs.srv import LearnSkill
+from geometry_msgs.msg import PoseStamped
 import numpy as np
 import pytest
+from rclpy.serialization import serialize_message
+from std_msgs.msg import Header
 
 from gdmp_ros.control import limits
 from gdmp_ros.control.guard import ReferenceGuard
@@ -21,6 +24,8 @@ from gdmp_ros.manifolds import from_spec
 from gdmp_ros.manifolds.product import Product
 from gdmp_ros.manifolds.spd import SymmetricPositiveDefinite
 from gdmp_ros.manifolds.sphere import Sphere
+from gdmp_ros.ros import messages
+from gdmp_ros.ros.serialized import PoseReader
 from gdmp_ros.sim.arm import Arm
 from gdmp_ros.sim.closed_loop import ClosedLoop
 from test.fuzz.entrances import server, short_skill
@@ -152,6 +157,16 @@ def test_a_wall_is_kept_by_a_fast_reference():
         loop.tick()
         assert loop.controller.reference[0] <= wall + 1e-6
     assert loop.controller.reference[0] > start + 0.05
+
+
+@pytest.mark.parametrize('coordinate', [1e307, -1e7])
+def test_poses_whose_distances_overflow(coordinate):
+    message = PoseStamped(header=Header(frame_id='panda_link0'))
+    message.pose.position.y = coordinate
+    with pytest.raises(ManifoldError, match='a coordinate of the pose is 1e'):
+        messages.checked_pose(message, 'panda_link0')
+    with pytest.raises(ManifoldError, match='a coordinate of the pose is 1e'):
+        PoseReader('panda_link0').read(serialize_message(message))
 
 
 @pytest.mark.parametrize('fields', [
