@@ -35,7 +35,7 @@ class StudioProcess:
     def __init__(self, *words, cwd):
         self.process = subprocess.Popen(
             [*GDMP, 'studio', '--no-browser', *map(str, words)], cwd=cwd, text=True,
-            env={**os.environ, 'XDG_STATE_HOME': str(cwd)},
+            env={**os.environ, 'XDG_STATE_HOME': str(cwd / '.state')},
             stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
         self.lines = []
         for line in self.process.stdout:
