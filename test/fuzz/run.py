@@ -30,7 +30,8 @@ def modules_with_kernels() -> list[str]:
     """Names of the modules of the package whose functions are compiled."""
     package = Path(gdmp_ros.__file__).parent
     return ['.'.join(path.relative_to(package.parent).with_suffix('').parts)
-            for path in sorted(package.rglob('*.py')) if '\nfrom gdmp_ros.kernels' in path.read_text()]
+            for path in sorted(package.rglob('*.py'))
+            if '\nfrom gdmp_ros.kernels' in path.read_text()]
 
 
 def fuzz_here(name: str, runs: int, folder: Path) -> None:
