@@ -28,7 +28,7 @@ CLASSES = LASA_CLASSES[:20]
 #: Period of a robot [s]; the demonstrations are sampled every 2 to 7 ms.
 CONTROL_S = 1e-3
 #: The mean distance of our path may change by this factor between the two rates, and times of a
-#: cycle that differ by less are equal: two measurements of one method differ by up to 4 %.
+#: cycle that differ by less are equal: the ratio of two methods differs by that between two runs.
 SAME = 1.05
 
 

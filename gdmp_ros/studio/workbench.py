@@ -66,15 +66,10 @@ class Workbench:
     :ivar changes: of that skill
     """
 
-    def __init__(self, reading: Import | None = None, recent: RecentFiles | None = None) -> None:
-        """
-        Begin with nothing.
-
-        :param reading: what is said about takes in files of other programs
-        :param recent: by default that of the user
-        """
+    def __init__(self, reading: Import | None = None) -> None:
+        """:param reading: what is said about takes in files of other programs"""
         self._reading = reading or Import()
-        self.recent = recent or RecentFiles()
+        self.recent = RecentFiles()
         self.takes: list[Take] = []
         self.skills: dict[str, Skill] = {}
         self.runs: dict[str, tuple[ShownMotion, ShownMotion]] = {}

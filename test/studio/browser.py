@@ -1,6 +1,5 @@
 """A real browser that opens the studio, and a studio as a process."""
 from contextlib import contextmanager
-import os
 import re
 import shutil
 import signal
@@ -35,7 +34,6 @@ class StudioProcess:
     def __init__(self, *words, cwd):
         self.process = subprocess.Popen(
             [*GDMP, 'studio', '--no-browser', *map(str, words)], cwd=cwd, text=True,
-            env={**os.environ, 'XDG_STATE_HOME': str(cwd / '.state')},
             stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
         self.lines = []
         for line in self.process.stdout:
