@@ -74,7 +74,7 @@ def scalar_index(name: str) -> int:
 
 
 #: Indices of the flag ``finished`` and of the speed in a memory.
-FINISHED, SPEED = scalar_index('finished'), scalar_index('speed')
+FINISHED, PROGRESS, SPEED = map(scalar_index, ('finished', 'progress', 'speed'))
 
 
 class Frames(NamedTuple):

@@ -1,6 +1,7 @@
 """The commands for a gripper on the way of a motion; the motion waits until each is done."""
 from __future__ import annotations
 
+import math
 from typing import Protocol
 
 from gdmp_ros.control.gripper import GripperCommand, GripperState
@@ -80,6 +81,22 @@ class GripperSequence:
         events = player.playing.skill.events
         return player.rollout is not None and bool(events) and (
             player.motion != self._motion or self._next < len(events))
+
+    def due(self, player: Player) -> float | None:
+        """
+        Progress at which the motion needs `advance`, as far as it only goes on; infinite: never.
+
+        None: after the next tick.
+        """
+        rollout, events = player.rollout, player.playing.skill.events
+        if rollout is None or not events:
+            return math.inf
+        if player.motion != self._motion or self._waits:
+            return None
+        if self._next == len(events) or player.state not in _EXECUTED:
+            return math.inf
+        at = float(events[self._next].progress)
+        return None if rollout.progress >= at or rollout.finished else at
 
     def advance(self, player: Player, dt: float) -> None:
         """Let ``dt`` seconds pass, after the tick of the player."""

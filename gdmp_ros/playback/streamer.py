@@ -3,6 +3,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Mapping
+import math
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -420,11 +421,20 @@ class Streamer:
         if player is None:
             return None
         target = player.tick(dt, self.bounds.tempo)
-        if self.gripper is not None and player.playing.skill.events:
-            self.gripper.advance(player, dt)
+        self.command_gripper(dt)
         self.sequence.advance(player, dt)
         return None if target is None else self.bounds.apply(player.playing, target, dt,
                                                              player.rollout)
+
+    def command_gripper(self, dt: float) -> None:
+        """Carry out the commands of the skill for a gripper, after a tick of ``dt`` seconds."""
+        player = self.loaded()
+        if self.gripper is not None and player.playing.skill.events:
+            self.gripper.advance(player, dt)
+
+    def _due(self, player: Player) -> float | None:
+        """See `GripperSequence.due`."""
+        return math.inf if self.gripper is None else self.gripper.due(player)
 
     @property
     def only_goes_on(self) -> bool:
@@ -434,7 +444,7 @@ class Streamer:
             return False
         playing = player.playing
         return (player.only_goes_on and playing.kind is Kind.TOOL and not self.sequence.running
-                and (self.gripper is None or not playing.skill.events)
+                and self._due(player) is not None
                 and self.bounds.continues(playing, player.target))
 
     def motion(self) -> Motion:
@@ -445,7 +455,7 @@ class Streamer:
         rollout, counts = player.rollout, np.zeros(COUNTS, dtype=np.int64)
         bounds.follow(rollout)
         counts[ENDS] = player.ends
-        return Motion(counts, NOTHING if rollout is None else rollout.memory, player.numbers,
+        return Motion(counts, np.array([self._due(player)]), NOTHING if rollout is None else rollout.memory, player.numbers,
                       player.playing.table, player.target, bounds.parts, bounds.out, bounds.work,
                       bounds.tempos, bounds.ahead)
 
@@ -466,6 +476,7 @@ class Streamer:
         """End a tick of a kernel, of ``dt`` seconds, in which the state of the player changes."""
         player = self.loaded()
         rollout, target = player.rollout, player.end_tick(self.bounds.tempo * dt)
+        self.command_gripper(dt)
         return self.bounds.apply(player.playing, target, dt, rollout)
 
     def _use_pose(self, player: Player) -> None:

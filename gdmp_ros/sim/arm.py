@@ -18,9 +18,18 @@ from gdmp_ros.sim.chain import body_of, chain_of
 from gdmp_ros.sim.frames import Mount, ToolTransform
 from gdmp_ros.sim.known_model import KnownModel
 from gdmp_ros.sim.model_sources import BUILT_IN, load, make_torque_controlled
-from gdmp_ros.sim.native import address, external_torque, functions, step
+from gdmp_ros.sim.native import (
+    address,
+    external_torque,
+    functions,
+    ModelView,
+    push,
+    step,
+    TouchedBody,
+    view_of,
+)
 from gdmp_ros.sim.payload import Payload
-from gdmp_ros.sim.plant import Actuation, change, PlantSettings
+from gdmp_ros.sim.plant import act, change, channel, disturb, PlantSettings, reset_channel
 
 PANDA = BUILT_IN['panda']
 #: Adds something to a model.
@@ -56,6 +65,9 @@ class Arm:
     Of several arms in one simulation (`gdmp_ros.sim.two_arms`) each has its torque set by `act`.
 
     :ivar known: the model with which it is controlled
+    :ivar view: the simulated robot itself, for kernels
+    :ivar channel: between them
+    :ivar touched: the body of its tool
     """
 
     def __init__(self, path: str | Path | mujoco.MjSpec = '', tool: str = 'tcp',
@@ -102,18 +114,18 @@ class Arm:
 
     def _take(self, robot: Robot, known: mujoco.MjModel, site: int, plant: PlantSettings,
               shared: bool) -> None:
-        self._plant = plant
         self.model, self.data, self._site, self._joints, self._motors = robot
-        self._random = np.random.default_rng(0)
         true = self.data
         self._torques = (true.qfrc_smooth, true.qfrc_passive, true.qfrc_bias, true.qfrc_actuator,
                          true.qfrc_constraint)
-        self._body = int(self.model.site_bodyid[self._site])
+        body = self._body = int(self.model.site_bodyid[self._site])
+        self.view: ModelView = view_of(self.model, true, self._site, body)
+        self.touched = TouchedBody(true.site_xpos[self._site], true.xipos[body],
+                                   true.xfrc_applied[body])
         self._mount = Mount(self.model, self._site)
         self.known = KnownModel(known, self.data if shared else mujoco.MjData(known), site, shared)
         self._known_chain: tuple[Chain, np.ndarray] | None = None
         self._elsewhere: mujoco.MjData | None = None
-        self._actuation = Actuation(self._plant.delay, self.period)
         self.names = [known.joint(i).name for i in range(known.njnt)]
         lower, upper = np.where(known.jnt_limited[:, None].astype(bool),
                                 known.jnt_range, [-np.inf, np.inf]).T
@@ -122,6 +134,7 @@ class Arm:
                                       _joint_numbers(known, f'joint_slowing_{name}', 0.0)
                                       for name in ('offset', 'deceleration')]))
         self.friction = known.dof_damping.copy()
+        self.channel = channel(plant, known.njnt, self.period)
 
     @property
     def tool_body(self) -> int:
@@ -199,8 +212,7 @@ class Arm:
         self.data.qpos[self._joints] = self.home if position is None else position
         self.data.qvel[self._joints] = 0.0
         mujoco.mj_forward(self.model, self.data)
-        self._actuation.reset(self.data.qfrc_bias[self._joints])
-        self._random = np.random.default_rng(0)
+        reset_channel(self.channel, self.data.qfrc_bias[self._joints])
 
     def show(self, position: np.ndarray, others: np.ndarray) -> None:
         """
@@ -233,13 +245,9 @@ class Arm:
 
     def measure(self) -> Measurement:
         """Read the present state."""
-        known, plant, true = self.known, self._plant, self.data
-        joints = self._joints
+        known, true, joints = self.known, self.data, self._joints
         position, velocity = true.qpos[joints].copy(), true.qvel[joints].copy()
-        if not known.shared:
-            noise = self._random.standard_normal((2, len(position)))
-            position += plant.position_noise * noise[0]
-            velocity += plant.velocity_noise * noise[1]
+        disturb(self.channel, position, velocity)
         known.look(position, velocity, self.period)
         external = np.empty(len(position))
         external_torque(*self._torques, joints.start or 0, external)
@@ -260,7 +268,7 @@ class Arm:
 
     def act(self, torque: np.ndarray) -> None:
         """Set joint torques [Nm]; they act when the simulation advances."""
-        self.data.ctrl[self._motors] = self._actuation.through(torque)
+        act(self.channel, np.asarray(torque, float), self.data.ctrl[self._motors])
 
     def step(self, torque: np.ndarray) -> None:
         """Advance by one period under joint torques [Nm]."""
@@ -273,8 +281,8 @@ class Arm:
 
     @property
     def only_goes_on(self) -> bool:
-        """Whether its model is the robot itself, and torques act at once."""
-        return self._alone and self.known.only_goes_on and self._actuation.at_once
+        """Whether it is alone in its simulation, and nothing new is carried."""
+        return self._alone and self.known.only_goes_on
 
     def check(self) -> None:
         """:raises DataError: if the simulation is unstable"""
@@ -282,10 +290,7 @@ class Arm:
 
     def push(self, wrench: np.ndarray) -> None:
         """Apply an external wrench at the tool from now on (base frame) [N, Nm]."""
-        body = self._body
-        lever = self.data.site_xpos[self._site] - self.data.xipos[body]
-        self.data.xfrc_applied[body, :3] = wrench[:3]
-        self.data.xfrc_applied[body, 3:] = wrench[3:] + np.cross(lever, wrench[:3])
+        push(self.touched, wrench)
 
     def site_pose(self, name: str) -> np.ndarray:
         """Pose (x, y, z, qw, qx, qy, qz) of a site in the base frame."""

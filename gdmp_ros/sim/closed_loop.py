@@ -21,7 +21,7 @@ from gdmp_ros.sim.frames import ToolTransform
 from gdmp_ros.sim.gripper import SimulatedGripper
 from gdmp_ros.sim.payload import Payload
 from gdmp_ros.sim.plain_tick import end_tick, follow_plainly, only_goes_on, robot_of
-from gdmp_ros.sim.teaching import Hand
+from gdmp_ros.sim.teaching import Hand, pull
 
 
 class SimulatedDriver:
@@ -57,7 +57,8 @@ class SimulatedDriver:
     def measure(self) -> Measurement:
         measured = self.arm.measure()
         if self.hand is not None:
-            self.arm.push(self.hand.wrench(measured))
+            pull(self.hand.view, self.arm.touched, measured.pose,
+                 measured.jacobian @ measured.velocity, self.dt)
         return measured
 
     def command(self, torque: np.ndarray) -> None:
@@ -140,8 +141,8 @@ class ClosedLoop(ArmControl):
         while done < len(references):
             why = OTHER
             if only_goes_on(self, self.driver):
-                made, why = follow_plainly(robot_of(self.arm), controller_of(self), self.driver.dt,
-                                           references[done:], poses[done:])
+                made, why = follow_plainly(robot_of(self.driver), controller_of(self),
+                                           self.driver.dt, references[done:], poses[done:])
                 if made:
                     self.catch_up()
                 done += made

@@ -1,6 +1,7 @@
 """The gripper of a simulated arm: two fingers that hold by friction."""
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import mujoco
@@ -77,13 +78,19 @@ class GripperView(NamedTuple):
     places: np.ndarray
 
 
+NO_GRIPPER = GripperView(np.zeros(0), np.zeros((3, 2), dtype=np.int64))
+
+
 @kernel
 def advance_gripper(gripper, position, velocity, control, dt):
     """
     Set the forces of the fingers for the next tick.
 
+    :param gripper: `NO_GRIPPER`: nothing is done
     :param position: of the simulation, as ``velocity`` and ``control``
     """
+    if gripper.numbers.size == 0:
+        return
     n, places = records_at(gripper.numbers, 0, 1, NUMBERS)[0], gripper.places
     q = 0.5 * (position[places[0, 0]] + position[places[0, 1]])
     v = 0.5 * (velocity[places[1, 0]] + velocity[places[1, 1]])
@@ -110,6 +117,7 @@ class SimulatedGripper:
     A command with a force closes until each finger presses with that force.
 
     :ivar view: for kernels
+    :ivar called: called when there is a command for the next tick
     """
 
     widest = 2.0 * TRAVEL
@@ -132,6 +140,7 @@ class SimulatedGripper:
         self._numbers = records_at(self.view.numbers, 0, 1, NUMBERS)[0]
         self._commands = 0
         self._next: GripperCommand | None = None
+        self.called: Callable[[], object] = lambda: None
         self.reset()
 
     @property
@@ -166,7 +175,13 @@ class SimulatedGripper:
         """Begin a command with the next tick; see `gdmp_ros.control.gripper.Gripper`."""
         check_command(command, self.widest, STRONGEST)
         self._next = command
+        self.called()
         return self._commands + 1
+
+    @property
+    def only_goes_on(self) -> bool:
+        """Whether there is no command for the next tick."""
+        return self._next is None
 
     def begin_next(self) -> None:
         """Begin the command that was given, if there is one."""

@@ -21,7 +21,8 @@ class KnownModel:
 
     :ivar model: kinematics and dynamics
     :ivar data: their state; that of the simulated robot itself while `shared`
-    :ivar level: to be added to the potential energy, so that a new payload is no step [J]
+    :ivar level: to be added to the potential energy, so that a new payload is no step, shape (1,)
+        [J]
     """
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, site: int, shared: bool):
@@ -29,7 +30,7 @@ class KnownModel:
         self.model, self.data, self.site, self.shared = model, data, site, shared
         self.body = int(model.site_bodyid[site])
         self.mount = Mount(model, site)
-        self.level = 0.0
+        self.level = np.zeros(1)
         self._tool = ToolTransform()
         self._load: Load | None = None
         self._carried = self._carried_before = Payload().moments()
@@ -60,8 +61,8 @@ class KnownModel:
 
     @property
     def only_goes_on(self) -> bool:
-        """Whether it is the simulated robot itself, and nothing new is carried."""
-        return self.shared and self._announced is None
+        """Whether nothing new is carried."""
+        return self._announced is None and self._ramp == 1.0
 
     def announce(self, payload: Payload) -> None:
         """Carry a payload from now on, within `PAYLOAD_S`; any thread may call it."""
@@ -114,7 +115,7 @@ class KnownModel:
             np.empty(7), np.empty((6, n)), np.empty((n, n)), np.empty(n), np.empty(6))
         native.measure(self.view, velocity, pose, jacobian, inertia, bias, acceleration)
         return Measurement(position, velocity, pose, jacobian, inertia, bias, external,
-                           acceleration, float(data.energy[0]) + self.level)
+                           acceleration, float(data.energy[0] + self.level[0]))
 
     def _be(self, position: np.ndarray, velocity: np.ndarray) -> None:
         self.data.qpos[:] = position

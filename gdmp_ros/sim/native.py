@@ -71,6 +71,30 @@ def view_of(model: mujoco.MjModel, data: mujoco.MjData, site: int, body: int) ->
                      data.qfrc_bias)
 
 
+class TouchedBody(NamedTuple):
+    """
+    A body on which a wrench acts, in the data of a simulation, for kernels.
+
+    :ivar place: of the point at which it acts, as ``center``, that of the body
+    :ivar applied: what MuJoCo applies at the centre
+    """
+
+    place: np.ndarray
+    center: np.ndarray
+    applied: np.ndarray
+
+
+@kernel
+def push(touched, wrench):
+    """Apply a wrench from now on (base frame) [N, Nm]."""
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        touched.applied[i] = wrench[i]
+        touched.applied[3 + i] = (wrench[3 + i]
+                                  + (touched.place[j] - touched.center[j]) * wrench[k]
+                                  - (touched.place[k] - touched.center[k]) * wrench[j])
+
+
 @kernel
 def look(view):
     """Compute all that does not depend on torques, in the state of the data."""

@@ -1,12 +1,13 @@
 """How a simulated robot differs from the model with which it is controlled."""
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
 
+from gdmp_ros.kernels import kernel
 from gdmp_ros.sim.frames import Mount
 from gdmp_ros.sim.payload import Load, Payload
 from gdmp_ros.util.settings import setting
@@ -29,6 +30,9 @@ class PlantSettings:
     model: str = setting('', "model of the robot itself, as for model; empty: the controller's")
 
 
+#: Ticks after which the noise of the encoders comes again.
+NOISE_TICKS = 10_000
+
 #: A robot as public models of a Franka describe it, with a cycle of delay and encoder noise.
 REAL = PlantSettings(dry_friction=1.1, armature=0.2, delay=0.001, position_noise=1e-5,
                      velocity_noise=2e-3)
@@ -50,23 +54,61 @@ def change(model: mujoco.MjModel, site: int, joints: slice, settings: PlantSetti
     mujoco.mj_setConst(model, mujoco.MjData(model))
 
 
-class Actuation:
-    """Torques on their way to the motors."""
+class Channel(NamedTuple):
+    """
+    Between a robot with n joints and its controller, for kernels.
 
-    def __init__(self, delay: float, period: float):
-        self._ticks = round(delay / period)
-        self._waiting: deque[np.ndarray] = deque()
+    :ivar noise: of measured positions and velocities, one row for each tick, shape (k, 2, n);
+        empty without noise
+    :ivar waiting: torques that do not act yet, shape (k, n); empty without a delay
+    :ivar next: which row of each comes next
+    """
 
-    @property
-    def at_once(self) -> bool:
-        """Whether there is no delay."""
-        return self._ticks == 0
+    noise: np.ndarray
+    waiting: np.ndarray
+    next: np.ndarray
 
-    def reset(self, torque: np.ndarray) -> None:
-        """Begin with a torque that acts already [Nm]."""
-        self._waiting = deque([torque.copy()] * self._ticks)
 
-    def through(self, torque: np.ndarray) -> np.ndarray:
-        """Send a torque, and return the one that acts now [Nm]."""
-        self._waiting.append(torque.copy())
-        return self._waiting.popleft()
+def channel(settings: PlantSettings, joints: int, period: float) -> Channel:
+    """What lies between a robot and its controller, until `reset_channel` without torques."""
+    deviations = np.array([[settings.position_noise], [settings.velocity_noise]])
+    shape = (NOISE_TICKS if deviations.any() else 0, 2, joints)
+    return Channel(deviations * np.random.default_rng(0).standard_normal(shape),
+                   np.zeros((round(settings.delay / period), joints)),
+                   np.zeros(2, dtype=np.int64))
+
+
+def reset_channel(between: Channel, torque: np.ndarray) -> None:
+    """Begin again, with a torque that acts already [Nm]."""
+    between.waiting[:] = torque
+    between.next[:] = 0
+
+
+@kernel
+def disturb(between, position, velocity):
+    """Add the noise of the encoders to what is measured."""
+    if len(between.noise) == 0:
+        return
+    k = between.next[0]
+    between.next[0] = (k + 1) % len(between.noise)
+    for i in range(position.size):
+        position[i] += between.noise[k, 0, i]
+        velocity[i] += between.noise[k, 1, i]
+
+
+@kernel
+def act(between, torque, control):
+    """
+    Send a torque [Nm].
+
+    :param control: written: the one that acts now
+    """
+    if len(between.waiting) == 0:
+        for i in range(torque.size):
+            control[i] = torque[i]
+        return
+    k = between.next[1]
+    between.next[1] = (k + 1) % len(between.waiting)
+    for i in range(torque.size):
+        control[i] = between.waiting[k, i]
+        between.waiting[k, i] = torque[i]

@@ -18,7 +18,7 @@ from gdmp_ros.errors import DataError
 from gdmp_ros.kernels import kernel, local_matrix, local_numbers
 from gdmp_ros.manifolds.poses import compose, IDENTITY, inverse
 from gdmp_ros.sim.arm import Arm, Extra
-from gdmp_ros.sim.gripper import add_gripper, advance_gripper, GripperView, SimulatedGripper
+from gdmp_ros.sim.gripper import add_gripper, advance_gripper, NO_GRIPPER, SimulatedGripper
 from gdmp_ros.sim.native import full_inertia, ModelView, step, view_of
 from gdmp_ros.sim.payload import Payload
 from gdmp_ros.sim.position_driver import PositionDriver
@@ -28,7 +28,6 @@ from gdmp_ros.util.settings import setting
 TOOL, SITE, FORCE, TORQUE = 'tcp', 'wrist_sensor', 'wrist_force', 'wrist_torque'
 #: Bandwidth of the position servos [rad/s].
 BANDWIDTH = 400.0
-NO_GRIPPER = GripperView(np.zeros(0), np.zeros((3, 2), dtype=np.int64))
 
 
 @dataclass(frozen=True)
@@ -83,12 +82,8 @@ class ServoView(NamedTuple):
 
 
 @kernel
-def advance_servos(view, gripper, fingers, count):
-    """
-    Let periods of the simulation pass.
-
-    :param gripper: of the arm, if ``fingers``
-    """
+def advance_servos(view, gripper, count):
+    """Let periods of the simulation pass."""
     known, joints, dt = view.known, view.joints, view.settings[1]
     n, size, lag = joints.shape[1], known.velocity.size, view.settings[0]
     inertia, wish = local_matrix(size, size), local_numbers(n)
@@ -114,8 +109,7 @@ def advance_servos(view, gripper, fingers, count):
             for j in range(n):
                 torque += inertia[i, j] * wish[j]
             view.control[i] = min(max(torque, -joints[3, i]), joints[3, i])
-        if fingers:
-            advance_gripper(gripper, known.position, known.velocity, view.control, dt)
+        advance_gripper(gripper, known.position, known.velocity, view.control, dt)
         step(known.functions, known.places[0], known.places[1])
 
 
@@ -185,8 +179,7 @@ class ServoArm:
         gripper = self.gripper
         if gripper is not None:
             gripper.begin_next()
-        advance_servos(self._view, NO_GRIPPER if gripper is None else gripper.view,
-                       gripper is not None, periods)
+        advance_servos(self._view, NO_GRIPPER if gripper is None else gripper.view, periods)
         self.arm.check()
 
 

@@ -3,15 +3,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+import math
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
 from scipy.signal import butter, sosfilt
 
-from gdmp_ros.control.measurement import Measurement
+from gdmp_ros.kernels import kernel, local_zeros
 from gdmp_ros.manifolds.linalg import limit_norm
 from gdmp_ros.manifolds.quaternion import rotation_between
 from gdmp_ros.sim.arm import Arm
+from gdmp_ros.sim.native import push
 from gdmp_ros.util.settings import setting
 
 #: Damping at the default stiffness [N s/m].
@@ -44,25 +47,88 @@ class HandSettings:
         return float(_DAMPING * (self.stiffness / _STIFFNESS) ** 0.5)
 
 
+class HandView(NamedTuple):
+    """
+    A hand, for kernels.
+
+    :ivar pose: of the hand (x, y, z, qw, qx, qy, qz)
+    :ivar gains: stiffness, damping, largest force and the same of rotations, shape (2, 3)
+    :ivar left: time for which it still holds the tool, shape (1,) [s]; empty without a hand
+    """
+
+    pose: np.ndarray
+    gains: np.ndarray
+    left: np.ndarray
+
+
+NO_HAND = HandView(np.zeros(7), np.zeros((2, 3)), np.zeros(0))
+
+
+@kernel
+def pull(hand, touched, pose, twist, dt):
+    """
+    Let a hand pull from now on.
+
+    :param hand: `NO_HAND`: nothing is done
+    :param touched: body of the tool (`gdmp_ros.sim.native.TouchedBody`)
+    :param pose: of the tool, as ``twist``
+    :param dt: until the next call [s]
+    """
+    if hand.left.size == 0:
+        return
+    wrench = local_zeros(6)
+    if hand.left[0] > 0.0:
+        hand.left[0] -= dt
+        _compute_wrench(hand, pose, twist, wrench)
+    push(touched, wrench)
+
+
+@kernel
+def _compute_wrench(hand, pose, twist, wrench):
+    """Write the wrench of a hand on the tool in the base frame [N, Nm]."""
+    rotation_between(pose[3:], hand.pose[3:], wrench[3:])
+    for i in range(3):
+        wrench[i] = hand.pose[i] - pose[i]
+    for part in range(2):
+        gains, half = hand.gains[part], wrench[3 * part:3 * part + 3]
+        for i in range(3):
+            half[i] = gains[0] * half[i] - gains[1] * twist[3 * part + i]
+        limit_norm(3, half, gains[2])
+
+
 class Hand:
-    """Pulls the tool towards the pose of the hand."""
+    """
+    Pulls the tool towards the pose of the hand.
 
-    def __init__(self, pose: np.ndarray, settings: HandSettings | None = None):
-        """:param pose: of the hand (x, y, z, qw, qx, qy, qz)"""
-        self.settings = settings or HandSettings()
-        self.pose = np.asarray(pose, dtype=float)
-        self._rotation = np.empty(3)
+    :ivar view: for kernels
+    """
 
-    def wrench(self, measured: Measurement) -> np.ndarray:
-        """Wrench on the tool in the base frame [N, Nm]."""
-        s, twist = self.settings, measured.jacobian @ measured.velocity
-        rotation_between(measured.pose[3:7], self.pose[3:7], self._rotation)
-        result = np.concatenate([
-            s.stiffness * (self.pose[:3] - measured.pose[:3]) - s.damping * twist[:3],
-            s.rotational_stiffness * self._rotation - s.rotational_damping * twist[3:]])
-        limit_norm(3, result[:3], s.force)
-        limit_norm(3, result[3:], s.torque)
-        return result
+    def __init__(self, pose: np.ndarray, settings: HandSettings | None = None,
+                 seconds: float = math.inf):
+        """
+        Take hold.
+
+        :param pose: of the hand (x, y, z, qw, qx, qy, qz)
+        :param seconds: time for which it holds the tool
+        """
+        s = settings or HandSettings()
+        self.view = HandView(np.array(pose, dtype=float), np.array([
+            [s.stiffness, s.damping, s.force],
+            [s.rotational_stiffness, s.rotational_damping, s.torque]]), np.array([seconds]))
+
+    @property
+    def pose(self) -> np.ndarray:
+        """Pose of the hand (x, y, z, qw, qx, qy, qz)."""
+        return self.view.pose
+
+    @pose.setter
+    def pose(self, pose: np.ndarray) -> None:
+        self.view.pose[:] = pose
+
+    @property
+    def holds(self) -> bool:
+        """Whether its time is not over."""
+        return bool(self.view.left[0] > 0.0)
 
 
 @dataclass(frozen=True)

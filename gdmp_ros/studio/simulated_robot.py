@@ -375,10 +375,8 @@ class SimulatedRobot:
         self._streamer.activate(round(self._loop.arm.period * NS))
 
     def _pull(self, hand: Hand | None) -> None:
-        loop = self._loop
-        loop.driver.hand = hand
-        if hand is None:
-            loop.arm.push(np.zeros(6))
+        self._loop.driver.release()
+        self._loop.driver.hand = hand
 
     def _go_home(self) -> None:
         self._guide(False)

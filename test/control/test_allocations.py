@@ -99,7 +99,7 @@ def test_a_stream_that_goes_on_does_not_allocate():
 def test_the_ticks_of_a_simulated_arm_do_not_allocate():
     loop = loop_that(TOOL_SPRING)
     target = loop.controller.guard.targets[0].copy()
-    arguments = robot_of(loop.arm), controller_of(loop), loop.driver.dt
+    arguments = robot_of(loop.driver), controller_of(loop), loop.driver.dt
 
     def follow(count):
         references, poses = np.tile(target, (count, 1)), np.empty((count, 7))

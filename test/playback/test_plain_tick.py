@@ -2,37 +2,42 @@
 import numpy as np
 import pytest
 
+from gdmp_ros.dmp.primitive import GripperEvent
 from gdmp_ros.kernels import kernel
 from gdmp_ros.manifolds.linalg import copy_into
 from gdmp_ros.playback.measured_input import MeasuredInput, MeasuredInputs
-from gdmp_ros.playback.plain_tick import plain_tick
+from gdmp_ros.playback.plain_tick import CHANGES, DUE, MADE, plain_tick
 from gdmp_ros.playback.settings import PlayerSettings, StreamSettings
 from gdmp_ros.playback.states import State
 from gdmp_ros.playback.streamer import READ_EVERY, Streamer
 from test.lockstep.clock import SteppedClock
+from test.playback.hand import Hand
 
 PERIOD_NS, LONGEST_S = 1_000_000, 0.05
 
 
 @kernel
 def ticks(motion, dt, count, references):
-    """Ticks until the state changes; how many, and whether it does."""
+    """Ticks until Python is needed; how many, and what the last one returned."""
     for k in range(count):
-        if plain_tick(motion, dt):
-            return k + 1, True
-        copy_into(motion.bounded, references[k])
-    return count, False
+        result = plain_tick(motion, dt)
+        if result != CHANGES:
+            copy_into(motion.bounded, references[k])
+        if result != MADE:
+            return k + 1, result
+    return count, MADE
 
 
 class Stream:
     """A streamer, and the references that it has streamed."""
 
-    def __init__(self, skill, by_kernel, **settings):
+    def __init__(self, skill, by_kernel, gripper=None, **settings):
         self.measured = None
         self.streamer = Streamer(PERIOD_NS, MeasuredInputs(
             MeasuredInput(SteppedClock(), self._read, '/measured_pose')),
             StreamSettings(follow_goal_after_end=True, **settings),
-            PlayerSettings(phase_stopping=20.0))
+            PlayerSettings(phase_stopping=20.0), gripper=gripper)
+        self.hand = gripper
         self.streamer.use(skill, 'skill')
         self.streamer.activate(PERIOD_NS)
         self.by_kernel, self.now, self.references, self.made = by_kernel, 0, [], 0
@@ -56,13 +61,15 @@ class Stream:
     def _tick_by_kernel(self, alone):
         motion, references = self.streamer.motion(), np.empty((alone, len(
             self.streamer.bounds.out)))
-        count, changes = ticks(motion, 1e-9 * PERIOD_NS, alone, references)
+        count, result = ticks(motion, 1e-9 * PERIOD_NS, alone, references)
         self.now += count * PERIOD_NS
         self.made += count
         self.streamer.catch_up(motion, count, self.now)
-        self.references.extend(references[:count - changes])
-        if changes:
+        self.references.extend(references[:count - (result == CHANGES)])
+        if result == CHANGES:
             self.references.append(self.streamer.end_tick(1e-9 * PERIOD_NS).copy())
+        elif result == DUE:
+            self.streamer.command_gripper(1e-9 * PERIOD_NS)
 
 
 def everything(stream, skill):
@@ -109,6 +116,22 @@ def test_the_stream_is_the_same_to_the_bit(letter, settings):
     assert one.streamer.bounds.bounded == other.streamer.bounds.bounded
     assert one.streamer.player.motion == other.streamer.player.motion == 2
     assert one.streamer.time == pytest.approx(other.streamer.time, abs=1e-9)
+
+
+def test_commands_for_a_gripper_come_in_the_same_ticks(letter):
+    skill = letter.with_events([GripperEvent(at, 0.02, 0.0, 0.1) for at in (0.2, 0.6, 1.0)])
+    one, other = (Stream(skill, by_kernel, Hand()) for by_kernel in (False, True))
+    for stream in (one, other):
+        stream.measured = skill.start[:7].copy()
+        stream.run(120)
+        stream.measured = skill.start[:7].copy()
+        stream.streamer.begin()
+        stream.run(6000)
+        assert stream.streamer.player.state is State.FINISHED
+        assert len(stream.hand.sent) == 3
+    # Python makes the ticks in which a command is awaited.
+    assert other.made > 0.7 * len(other.references)
+    np.testing.assert_array_equal(one.references[130:], other.references[130:])
 
 
 def test_what_is_asked_for_is_left_to_the_player(letter):

@@ -2,7 +2,6 @@
 import numpy as np
 import pytest
 
-from gdmp_ros.control.gripper import GripperState
 from gdmp_ros.control.target import ACCELERATION, POSE
 from gdmp_ros.dmp.demonstration import Demonstration
 from gdmp_ros.dmp.primitive import GripperEvent
@@ -22,28 +21,10 @@ from gdmp_ros.scene.volume import Volume
 from gdmp_ros.util.profiles import minimum_jerk
 from test.lockstep.clock import SteppedClock
 from test.motions import circles
+from test.playback.hand import Hand
 
 MS = 1_000_000
 HOME = np.array([0.4, 0.0, 0.5, 0.0, 1.0, 0.0, 0.0])
-
-
-class Hand:
-    """A gripper that needs 50 states for a command, and fails if it is told to."""
-
-    def __init__(self):
-        self.sent, self.asked, self.fails, self.known = [], 0, '', True
-        self.needs, self.before = 50, 0
-
-    def send(self, command):
-        self.sent.append(command)
-        self.asked = 0
-
-    def state(self):
-        self.asked += 1
-        done = self.asked > self.needs
-        return GripperState(0.0, 0.08, not done, False,
-                            len(self.sent) + self.before,
-                            self.fails if done else '') if self.known else None
 
 
 @pytest.fixture(scope='module')

@@ -16,6 +16,7 @@ from rclpy.lifecycle import LifecycleNode
 from std_msgs.msg import Float64MultiArray
 
 from gdmp_ros.control.arm_states import Request, State
+from gdmp_ros.control.gripper import GripperCommand
 from gdmp_ros.control.joint_motion import PostureMotion
 from gdmp_ros.control.joint_target import resting_joints
 from gdmp_ros.control.limits import LIMITS
@@ -49,8 +50,8 @@ PATIENT = ['--ros-args', '-p', 'stamp_tolerance:=10.0', '-p', 'reference_timeout
 class Bed(LoopBed):
     """A simulated arm, and a client."""
 
-    def __init__(self):
-        rclpy.init(args=PATIENT)
+    def __init__(self, *parameters):
+        rclpy.init(args=[*PATIENT, *(word for one in parameters for word in ('-p', one))])
         self.client = dds.Dds().client('test')
         self.node = simulated_arm.node()
         assert self.node.trigger_configure().name == 'SUCCESS'
@@ -81,6 +82,13 @@ class Bed(LoopBed):
             target[0] += away
             fill_reference(message, target)
         self._sender.publish(message)
+
+    def count_advances(self, monkeypatch):
+        """A list that gets an item for each tick that Python makes from now on."""
+        made, advance = [], self.backend._advance
+        monkeypatch.setattr(self.backend, '_advance',
+                            lambda *each: made.append(0) or advance(*each))
+        return made
 
 
 @pytest.fixture
@@ -175,36 +183,51 @@ def test_a_stream_is_followed_without_the_interpreter(bed, monkeypatch, joints):
 
 
 @pytest.mark.parametrize('request_', [Request.GUIDE, Request.COMPLY])
-def test_a_hand_moves_the_arm(bed, request_):
-    """While a hand is there, Python makes every tick."""
+def test_a_hand_moves_the_arm(bed, monkeypatch, request_):
+    """Python reads where the hand is; the ticks in which it pulls need no interpreter."""
     answer = bed.commands.ask(request_)
     bed.run(lambda: answer.done)
     assert not answer.refusal
     place = bed.backend.model.measure().pose
     place[0] += 0.1
-    made, message = 0, PoseStamped(pose=pose_message(place))
+    message = PoseStamped(pose=pose_message(place))
     message.header.frame_id = 'panda_link0'
-    timer = threading.Timer(20.0, bed.loop.call)  # otherwise the loop might never come back
-    timer.start()
-    while bed.backend.driver.hand is None or made < 300:
-        before = bed.out.written[0]
-        if made % 50 == 0:
-            bed.backend._on_hand(message)
+    by_python, before = bed.count_advances(monkeypatch), bed.out.written[0]
+    while bed.backend.model.measure().pose[0] < place[0] - 0.08:
+        bed.backend._on_hand(message)
+        next(bed.cycles)  # the tick in which the message is read
+        threading.Timer(0.05, bed.loop.call).start()
         next(bed.cycles)
-        assert bed.out.written[0] == before + 1
-        made += 1
-    timer.cancel()
-    assert bed.backend.model.measure().pose[0] > place[0] - 0.08
+    assert bed.backend.driver.hand.holds
+    assert bed.out.written[0] - before > 5 * len(by_python)
+    # Without messages it lets go.
+    while bed.backend.driver.hand is not None:
+        threading.Timer(0.05, bed.loop.call).start()
+        next(bed.cycles)
+
+
+def test_fingers_move_without_the_interpreter(domain, monkeypatch):
+    """A command calls Python for one tick."""
+    bed = Bed('gripper:=true')
+    try:
+        gripper = bed.backend.driver.gripper
+        by_python, before = bed.count_advances(monkeypatch), bed.out.written[0]
+        number = gripper.command(GripperCommand(0.02))
+        while gripper.state.moving or gripper.state.commands < number:
+            threading.Timer(0.1, bed.loop.call).start()
+            next(bed.cycles)
+        assert gripper.state.width == pytest.approx(0.02, abs=2e-3)
+        assert bed.out.written[0] - before > 10 * len(by_python)
+    finally:
+        bed.close()
 
 
 def test_joints_move_without_the_interpreter(bed, monkeypatch):
     """A stream that rests goes on meanwhile, and asks for nothing."""
-    goal, advanced = bed.backend.model.measure().position + 0.05, []
+    goal = bed.backend.model.measure().position + 0.05
     bed.commands.ask(Request.MOVE, PostureMotion(bed.control.joints, goal[None], 1.0))
     bed.run(lambda: bed.control.states.state is State.MOVING)
-    advance = bed.backend._advance
-    monkeypatch.setattr(bed.backend, '_advance',
-                        lambda *each: advanced.append(0) or advance(*each))
+    advanced = bed.count_advances(monkeypatch)
     monkeypatch.setattr(bed.control.controller.guard, 'offer',
                         lambda *_: pytest.fail('a reference was decided in Python'))
     for _ in range(5):

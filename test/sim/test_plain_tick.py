@@ -3,6 +3,7 @@ import numpy as np
 import pytest
 
 from gdmp_ros.control.arm_states import Request, State
+from gdmp_ros.control.gripper import GripperCommand
 from gdmp_ros.control.identification import FrictionIdentification
 from gdmp_ros.control.joint_motion import PostureMotion
 from gdmp_ros.control.joint_path import CALLED
@@ -13,9 +14,10 @@ from gdmp_ros.control.target import resting_target, TWIST
 from gdmp_ros.errors import DataError, RefusedError
 from gdmp_ros.sim.arm import Arm, FATAL
 from gdmp_ros.sim.closed_loop import ClosedLoop
+from gdmp_ros.sim.gripper import arm_with_gripper
 from gdmp_ros.sim.payload import Payload
 from gdmp_ros.sim.plain_tick import end_tick, only_goes_on, plain_tick, robot_of
-from gdmp_ros.sim.plant import PlantSettings
+from gdmp_ros.sim.plant import PlantSettings, REAL
 from gdmp_ros.sim.teaching import Hand, HandSettings
 
 
@@ -96,21 +98,87 @@ def test_a_warning_that_is_harmless_changes_nothing(loops):
     lambda loop: loop.arm.announce(Payload(1.0)),
     lambda loop: loop.controller.configure(ControllerSettings(damping_ratio=0.9)),
     lambda loop: loop.do(Request.REFILL),
-    lambda loop: setattr(loop.driver, 'hand', Hand(loop.arm.measure().pose, HandSettings()))],
-    ids=['payload', 'settings', 'tank', 'hand'])
+    lambda loop: loop.driver.gripper.command(GripperCommand(0.02))],
+    ids=['payload', 'settings', 'tank', 'gripper'])
 def test_what_changes_is_left_to_the_controller(asked):
-    loop = ClosedLoop(Arm())
+    arm, gripper = arm_with_gripper()
+    loop = ClosedLoop(arm, gripper=gripper)
     loop.tick()
     assert only_goes_on(loop, loop.driver)
     asked(loop)
     assert not only_goes_on(loop, loop.driver)
 
 
-@pytest.mark.parametrize('plant', [PlantSettings(payload=0.5), PlantSettings(delay=0.002)],
-                         ids=['model', 'delay'])
-def test_a_plant_that_is_not_the_model_has_no_plain_tick(plant):
-    loop = ClosedLoop(Arm(plant=plant))
-    assert not only_goes_on(loop, loop.driver)
+def with_gripper():
+    arm, gripper = arm_with_gripper()
+    loop = ClosedLoop(arm, gripper=gripper)
+    gripper.command(GripperCommand(0.03, 20.0))
+    return loop
+
+
+def pulled():
+    loop = ClosedLoop(Arm())
+    pose = loop.arm.measure().pose
+    pose[:3] += [0.1, 0.05, -0.02]
+    loop.driver.hand = Hand(pose, HandSettings(stiffness=200.0), 0.4)
+    return loop
+
+
+def with_payload():
+    loop = ClosedLoop(Arm(plant=PlantSettings(payload=1.0)))
+    loop.arm.announce(Payload(1.0))
+    return loop
+
+
+@pytest.mark.parametrize('make', [
+    lambda: ClosedLoop(Arm(plant=REAL)),
+    lambda: ClosedLoop(Arm(plant=PlantSettings(payload=0.5, delay=0.003))),
+    with_gripper, pulled, with_payload], ids=['real', 'delay', 'gripper', 'hand', 'payload'])
+def test_an_arm_that_is_not_its_model_moves_the_same(make):
+    """Other masses, friction, noise and delay; fingers, a hand, something that is carried."""
+    one, other = make(), make()
+    for loop in (one, other):
+        loop.tick()
+        while not only_goes_on(loop, loop.driver):  # a payload is taken over in half a second
+            loop.tick()
+    # Each measures once, so that the noise is the same.
+    references, _, ticks, tick = motion(one, 900), motion(other, 1), [], other.tick
+    expected = one_by_one(one, references)
+    other.tick = lambda: ticks.append(0) or tick()
+    np.testing.assert_allclose(other.follow_all(references), expected, atol=1e-12)
+    np.testing.assert_allclose(other.arm.data.qpos, one.arm.data.qpos, atol=1e-12)
+    np.testing.assert_allclose(other.arm.data.ctrl, one.arm.data.ctrl, atol=1e-9)
+    assert other.controller.tank.energy == pytest.approx(one.controller.tank.energy, abs=1e-12)
+    assert len(ticks) == 1
+
+
+def test_a_hand_lets_go_when_its_time_is_over():
+    loop = pulled()
+    applied = loop.arm.data.xfrc_applied[loop.arm.tool_body]
+    references = motion(loop, 500)
+    loop.follow_all(references[:300])
+    assert loop.driver.hand.holds and np.abs(applied).max() > 1.0
+    loop.follow_all(references[300:])
+    assert not loop.driver.hand.holds and not applied.any()
+
+
+def test_the_noise_of_the_encoders_has_the_size_that_was_set():
+    arm = Arm(plant=PlantSettings(position_noise=1e-4, velocity_noise=3e-3))
+    seen = [arm.measure() for _ in range(2000)]
+    for name, true, size in (('position', arm.data.qpos, 1e-4), ('velocity', 0.0, 3e-3)):
+        errors = np.array([getattr(one, name) for one in seen]) - true
+        np.testing.assert_allclose(errors.std(axis=0), size, rtol=0.1)
+        assert len(np.unique(errors, axis=0)) == 2000
+
+
+def test_a_torque_acts_after_the_delay():
+    arm = Arm(plant=PlantSettings(delay=0.002))
+    held = arm.data.qfrc_bias.copy()
+    acting = []
+    for k in range(4):
+        arm.act(np.full(7, float(k)))
+        acting.append(arm.data.ctrl.copy())
+    np.testing.assert_array_equal(acting, [held, held, np.zeros(7), np.ones(7)])
 
 
 def compiled(loop, count):
@@ -119,7 +187,7 @@ def compiled(loop, count):
     for _ in range(count):
         why = OTHER
         if only_goes_on(loop, loop.driver):
-            why = plain_tick(robot_of(loop.arm), controller_of(loop), loop.driver.dt)
+            why = plain_tick(robot_of(loop.driver), controller_of(loop), loop.driver.dt)
             loop.catch_up()
         if why == OTHER:
             loop.tick()

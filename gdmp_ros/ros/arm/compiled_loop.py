@@ -227,7 +227,7 @@ def idle(size: int) -> tuple[np.ndarray, Links, Scratch]:
 def warm_up(control: ArmControl, driver: SimulatedDriver) -> None:
     """Compile `run`, or load it from the cache; no tick is made."""
     numbers, links, scratch = idle(NUMBERS)
-    run(numbers, clock_functions(), scratch.time, links, scratch, robot_of(driver.arm),
+    run(numbers, clock_functions(), scratch.time, links, scratch, robot_of(driver),
         controller_of(control), driver.dt)
 
 
@@ -282,5 +282,5 @@ class SimulatedLoop(ArmLoop):
         with self.references_in_use(), self.states_in_use():
             return int(run(self.numbers, clock_functions(),
                            np.frombuffer(lateness.numbers, dtype=np.int64), self._links,
-                           self._scratch, robot_of(driver.arm), controller_of(control),
+                           self._scratch, robot_of(driver), controller_of(control),
                            driver.dt))

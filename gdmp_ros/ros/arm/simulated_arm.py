@@ -70,7 +70,7 @@ class SimulatedArm(ArmBackend):
         self._steps_dropped = 0
         # Only the loop counts ticks, and only the other thread sets the last one of a request.
         self._ticks = self._last_tick = 0
-        self._hand_problem, self._hand_ticks = '', 0
+        self._hand_problem = ''
         self._hand_seen: PoseStamped | None = None
         return self.driver
 
@@ -102,6 +102,8 @@ class SimulatedArm(ArmBackend):
         if loop is not None:
             warm_up(node.control, self.driver)
             commands.called = loop.call
+            if self.driver.gripper is not None:
+                self.driver.gripper.called = loop.call
 
     def begin(self) -> None:
         if not self.node.parameters.headless:
@@ -271,7 +273,6 @@ class SimulatedArm(ArmBackend):
         """A hand guides the arm from now on, or does not any more."""
         if State.GUIDED in (before, self.node.control.states.state):
             self._hand_seen = None
-            self._hand_ticks = 0
             self.driver.release()
 
     def _on_hand(self, message: PoseStamped) -> None:
@@ -279,12 +280,10 @@ class SimulatedArm(ArmBackend):
         self.node.commands.called()
 
     def _poll_hand(self) -> None:
-        self._hand_ticks += 1
-        message, self._hand_seen = self._hand_seen, None
+        hand, message, self._hand_seen = self.driver.hand, self._hand_seen, None
         if message is not None:
             self._take_hand(message)
-        elif (self.driver.hand is not None
-              and self._hand_ticks * self.model.period > HAND_TIMEOUT_S):
+        elif hand is not None and not hand.holds:
             # Without a hand, the mouse in the viewer may apply a force: do not reset it here.
             self.driver.release()
 
@@ -296,8 +295,7 @@ class SimulatedArm(ArmBackend):
         except GdmpError as error:
             self._hand_problem = f'hand_pose refused: {error}'
             return
-        self.driver.hand = Hand(pose, hand_settings(parameters))
-        self._hand_ticks = 0
+        self.driver.hand = Hand(pose, hand_settings(parameters), HAND_TIMEOUT_S)
 
     # Reports
 
@@ -308,7 +306,9 @@ class SimulatedArm(ArmBackend):
         if self.paused:
             return 'paused'
         if self.node.control.states.state is State.GUIDED:
-            return 'guided by hand' if self.driver.hand is not None else 'waiting for a hand'
+            hand = self.driver.hand
+            return ('guided by hand' if hand is not None and hand.holds else
+                    'waiting for a hand')
         return ''
 
 

@@ -16,7 +16,7 @@ from gdmp_ros.control.target import POSE, STIFFNESS
 from gdmp_ros.kernels import kernel
 from gdmp_ros.playback.bounds import NOTHING
 from gdmp_ros.playback.look_ahead import look_ahead_of
-from gdmp_ros.playback.plain_tick import COUNTS, Motion, plain_tick
+from gdmp_ros.playback.plain_tick import CHANGES, COUNTS, DUE, Motion, plain_tick
 from gdmp_ros.playback.streamer import Streamer
 from gdmp_ros.realtime.native import (
     ATTENTION,
@@ -46,8 +46,9 @@ from gdmp_ros.ros.server.reference_publisher import ReferencePublisher
 #: its duration, and the longest one [ns]; number of the tick that was begun, and of the one that
 #: is whole; number of the last reference; what the stream says of itself.
 TICKED, PASSED, LONGEST, BEGUN, WHOLE, SEQUENCE, MODE, NUMBERS = range(OWN, OWN + 8)
-#: Why `run` returns: a tick is to be made; one is to be ended (`Streamer.end_tick`) and sent.
-ASKED, CHANGED = range(2)
+#: Why `run` returns: a tick is to be made; one is to be ended (`Streamer.end_tick`) and sent; one
+#: was sent, and a command for the gripper is due (`Streamer.command_gripper`).
+ASKED, CHANGED, COMMANDED = range(3)
 
 
 class Links(NamedTuple):
@@ -94,7 +95,7 @@ def run(loop, clocks, time, lateness, links, motion, target):
     Make ticks until Python is needed for one.
 
     :param target: bounded reference of the motion, as bytes
-    :returns: `ASKED` or `CHANGED`, and how many ticks were made
+    :returns: `ASKED`, `CHANGED` or `COMMANDED`, and how many ticks were made
     """
     ticks = 0
     while True:
@@ -106,15 +107,17 @@ def run(loop, clocks, time, lateness, links, motion, target):
         loop[PASSED], loop[TICKED], loop[LEFT] = passed, loop[DEADLINE], 0
         loop[BEGUN] += 1
         ticks += 1
-        changes = plain_tick(motion, 1e-9 * passed)
+        result = plain_tick(motion, 1e-9 * passed)
         loop[WHOLE] = loop[BEGUN]
-        if changes:
+        if result == CHANGES:
             return CHANGED, ticks
         loop[SEQUENCE] += 1
         send(loop, links, target, loop[STAMP])
+        if result == DUE:
+            return COMMANDED, ticks
 
 
-_NO_MOTION = Motion(np.zeros(COUNTS, dtype=np.int64), NOTHING, NOTHING,
+_NO_MOTION = Motion(np.zeros(COUNTS, dtype=np.int64), NOTHING, NOTHING, NOTHING,
                     np.zeros((1, 9), dtype=np.int64), NOTHING, np.zeros((2, 4)),
                     NOTHING, NOTHING, NOTHING, look_ahead_of(None))
 

@@ -40,7 +40,7 @@ from gdmp_ros.ros.scene.messages import scene_of
 from gdmp_ros.ros.scene.topics import SceneTopics
 from gdmp_ros.ros.scene.topics import SPECS as SCENE_SPECS
 from gdmp_ros.ros.server.actions import ExecuteAction, SequenceAction
-from gdmp_ros.ros.server.compiled_loop import CHANGED, ServerLoop, TICKED, warm_up
+from gdmp_ros.ros.server.compiled_loop import CHANGED, COMMANDED, ServerLoop, TICKED, warm_up
 from gdmp_ros.ros.server.inputs import GoalTopics, GripperTopics, ObjectsOnTf, RobotInputs
 from gdmp_ros.ros.server.reference_publisher import ReferencePublisher, SecondArm
 from gdmp_ros.ros.server.report import ServerReport
@@ -253,7 +253,12 @@ class TrajectoryServer(ManagedNode):
         streamer.called, streamer.whole = compiled.call, compiled.whole
         streamer.ticked = compiled.ticked
         while True:
-            if compiled.run(streamer) == CHANGED:
+            why = compiled.run(streamer)
+            if why == COMMANDED:
+                streamer.command_gripper(compiled.passed)
+                yield 0
+                continue
+            if why == CHANGED:
                 target: np.ndarray | None = streamer.end_tick(compiled.passed)
             else:
                 target = streamer.tick_only(int(numbers[DEADLINE]), STALL_S)
