@@ -455,7 +455,8 @@ class Streamer:
         rollout, counts = player.rollout, np.zeros(COUNTS, dtype=np.int64)
         bounds.follow(rollout)
         counts[ENDS] = player.ends
-        return Motion(counts, np.array([self._due(player)]), NOTHING if rollout is None else rollout.memory, player.numbers,
+        return Motion(counts, np.array([self._due(player)]),
+                      NOTHING if rollout is None else rollout.memory, player.numbers,
                       player.playing.table, player.target, bounds.parts, bounds.out, bounds.work,
                       bounds.tempos, bounds.ahead)
 

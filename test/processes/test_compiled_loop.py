@@ -13,6 +13,7 @@ import rclpy
 from rclpy.executors import Executor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode
+from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
 from gdmp_ros.control.arm_states import Request, State
@@ -116,6 +117,49 @@ def test_every_tick_is_sent_once(bed, monkeypatch):
     assert found[-1].position == last.position
     assert np.array_equal(found[-1].limited, last.limited)
     assert found[-1].mode == bed.control.states.state.mode
+
+
+@pytest.mark.parametrize('by_python', [False, True], ids=['compiled', 'interpreter'])
+def test_parts_of_the_state_are_sent_in_some_of_the_ticks(bed, by_python):
+    topics = {'/panda_sim/measured_pose': PoseStamped,
+              '/panda_sim/applied_stiffness': Float64MultiArray,
+              '/panda_sim/requested_stiffness': Float64MultiArray, '/joint_states': JointState}
+    parts = [bed.client.subscription(kind, topic, reliable(DEEP))
+             for topic, kind in topics.items()]
+    while not all(part.stream.publisher.subscribers() for part in bed.out.parts):
+        bed.client.spin(0.01)
+    bed.out._check()
+    bed.out.every = 10
+    begins = int(bed.out.written[0])
+    if by_python:
+        for _ in range(100):
+            bed.backend._advance(bed.node.clock.wall(), bed.node.clock.wall())
+    else:
+        bed.loop.numbers[ATTENTION] = 0
+        while bed.out.written[0] < begins + 100:
+            threading.Timer(0.1, bed.loop.call).start()
+            next(bed.cycles)
+    states = [one for one in bed.received() if one.tick > begins]
+    expected = [[one for one in states if (one.tick - k) % 10 == 0] for k in range(4)]
+    found = []
+    for part, ticks in zip(parts, expected):
+        messages = []
+        while len(messages) < len(ticks):
+            message = part.take_message()
+            if message is not None:
+                messages.append(message)
+        found.append(messages)
+    poses, applied, requested, joints = found
+    for pose, state in zip(poses, expected[0], strict=True):
+        assert pose.header.stamp == state.header.stamp and pose.pose == state.pose
+    for one, state in zip(applied, expected[1], strict=True):
+        assert list(one.data) == list(state.stiffness)
+    for one, state in zip(requested, expected[2], strict=True):
+        assert list(one.data) == list(state.requested_stiffness)
+    for one, state in zip(joints, expected[3], strict=True):
+        assert one.header.stamp == state.header.stamp
+        assert list(one.position) == list(state.position)
+        assert list(one.effort) == list(state.torque)
 
 
 def test_it_needs_no_lock_of_the_interpreter(bed):
@@ -395,7 +439,7 @@ def test_a_goal_is_used_when_it_comes(server, objects):
     node._period_ns = lambda: 10 * NS
     looking, used = node._look_around(node._compiled), []
     poll = node._poll
-    node._poll = lambda: used.append(0) or poll()
+    node._poll = lambda came: used.append(0) or poll()
     client = dds.Dds().client('goals')
     sender = client.publisher(Float64MultiArray, '/trajectory_server/goal_stiffness', reliable(1))
     while not sender.subscribers():
@@ -416,7 +460,7 @@ def test_objects_are_looked_for_more_often_than_the_robot(server):
     node._period_ns = lambda: NS // 66
     looking, polls, looks = node._look_around(node._compiled), [], []
     poll, look = node._poll, node.streamer.look
-    node._poll = lambda: polls.append(0) or poll()
+    node._poll = lambda came: polls.append(0) or poll()
     node.streamer.look = lambda: looks.append(0) or look()
     for _ in range(50):
         next(looking)

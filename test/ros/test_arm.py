@@ -238,7 +238,7 @@ def test_an_arm_whose_viewers_are_not_served_any_more_is_deactivated(nodes, monk
     nodes.wait('the arm', lambda: bool(nodes.robot))
     # The testbed would end the test: this failure is what is tested.
     monkeypatch.setattr(nodes.children, 'check', lambda may_end=(): None)
-    monkeypatch.setattr(StatePublisher, '_show', broken)
+    monkeypatch.setattr(StatePublisher, '_check', broken)
     nodes.wait('the arm to be inactive', lambda: nodes.lifecycle_state(ARM) == 'inactive', 10.0)
     nodes._states[ARM] = 'inactive'
     assert 'the loop failed' in nodes.log(ARM)

@@ -75,6 +75,9 @@ class Links(NamedTuple):
     :ivar joints: what references of the joints are like
     :ivar states: where they are sent
     :ivar joint_states: the same, with a reference of the joints
+    :ivar parts: where parts of them are sent
+    :ivar firsts: of the numbers of each part
+    :ivar every: see `gdmp_ros.ros.arm.state_publisher.StatePublisher`, as ``wanted``
     """
 
     functions: np.ndarray
@@ -84,6 +87,10 @@ class Links(NamedTuple):
     joints: Layout
     states: Outlet
     joint_states: Outlet
+    parts: tuple[Outlet, Outlet, Outlet, Outlet]
+    firsts: np.ndarray
+    every: np.ndarray
+    wanted: np.ndarray
 
 
 class Scratch(NamedTuple):
@@ -147,7 +154,7 @@ def take_references(loop, links, scratch, controller, now):
 
 @kernel
 def note_state(scratch, controller, stamp):
-    """Write down the state of the tick that was made; whether somebody wants it."""
+    """Write down the state of the tick that was made; whether somebody wants some of it."""
     written = scratch.written
     written[0] += 1
     written[4] = write_state(controller.numbers, controller.target, scratch.state)
@@ -158,15 +165,22 @@ def note_state(scratch, controller, stamp):
 @kernel
 def send_state(links, numbers, stamp, sequence, mode, tick, of_joints):
     """
-    Send a state.
+    Send what is wanted of a state.
 
     :param numbers: of the state, as bytes
     :param of_joints: whether it has a reference of the joints
     """
-    if of_joints:
+    if links.wanted[0] and of_joints:
         _send(links.functions, links.joint_states, numbers, stamp, sequence, mode, tick)
-    else:
+    elif links.wanted[0]:
         _send(links.functions, links.states, numbers, stamp, sequence, mode, tick)
+    for k in range(len(links.parts)):
+        if links.wanted[1 + k] and (tick - k) % links.every[0] == 0:
+            part = links.parts[k]
+            write_numbers(part, numbers[8 * links.firsts[k]:])
+            if part.parts.size > 0:
+                write_stamp(bytes_of(part), part.parts[0], stamp)
+            send_message(links.functions, part)
 
 
 @kernel
@@ -220,7 +234,8 @@ def idle(size: int) -> tuple[np.ndarray, Links, Scratch]:
     doubles, data = np.zeros(1), np.zeros(8, dtype=np.uint8)
     layout = Layout(data, np.zeros((0, 2), dtype=np.int64), integers, integers)
     outlet = Outlet(integers, integers, integers, integers)
-    return (numbers, Links(integers, integers, integers, layout, layout, outlet, outlet),
+    return (numbers, Links(integers, integers, integers, layout, layout, outlet, outlet,
+                           4 * (outlet,), integers, integers, np.zeros(5, dtype=np.bool_)),
             Scratch(integers, doubles, data, doubles, data, doubles, data, integers))
 
 
@@ -246,9 +261,14 @@ class ArmLoop(CompiledLoop):
             check_handle(address)
         super().__init__(self.size)
         self._references, self._taken = references, SerializedMemory()
-        self._states = [Outgoing(out.states, one) for one in out.templates]
-        self._links = Links(rcl_functions(), np.zeros(1, dtype=np.int64), self._taken.numbers,
-                            *reader.layouts, *(one.outlet for one in self._states))
+        states = [Outgoing(out.states, one) for one in out.templates]
+        parts = [Outgoing(part.stream.publisher, part.stream.template) for part in out.parts]
+        self._states = [*states, *parts]
+        pose, applied, requested, joints_part = (one.outlet for one in parts)
+        self._links = Links(
+            rcl_functions(), np.zeros(1, dtype=np.int64), self._taken.numbers, *reader.layouts,
+            states[0].outlet, states[1].outlet, (pose, applied, requested, joints_part),
+            np.array([part.first for part in out.parts]), np.array([out.every]), out.wanted)
         tool, joints = (np.zeros(len(layout.places)) for layout in reader.layouts)
         self._scratch = Scratch(np.zeros(2, dtype=np.int64), tool, tool.view(np.uint8), joints,
                                 joints.view(np.uint8), out.numbers, out.numbers.view(np.uint8),

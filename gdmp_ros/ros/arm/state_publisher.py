@@ -3,12 +3,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
+from typing import NamedTuple
 
 from gdmp_msgs.msg import RobotState
 import numpy as np
 
 from gdmp_ros.control.measurement import Tick
-from gdmp_ros.realtime.loop import Clock, Loop, NS, periodic
+from gdmp_ros.realtime.loop import Clock, Loop, NS
 from gdmp_ros.ros.arm.tf_publisher import TfPublisher
 from gdmp_ros.ros.lifecycle import (
     check_subscribers,
@@ -22,36 +23,56 @@ from gdmp_ros.ros.messages import fill_robot_state, ROBOT_STATE_FIXED, robot_sta
 from gdmp_ros.ros.middleware import DEEP
 from gdmp_ros.ros.serialized import SerializedTemplate
 
-#: Messages for viewers between two looks for subscribers, and between two of the links.
-LOOK_EVERY, LINKS_EVERY = 10, 2
+#: Time between two looks for subscribers [ns], and messages of a part for one of the links.
+LOOK_NS, LINKS_EVERY = 100_000_000, 2
 _NOTHING = np.empty(0)
+
+
+class StatePart(NamedTuple):
+    """
+    A part of the state that is published at a lower rate.
+
+    :ivar first: of its numbers among those of the state
+    """
+
+    stream: Stream
+    first: int
+    size: int
+
+    def publish(self, numbers: np.ndarray, stamp_ns: int) -> None:
+        """Publish the part of a state."""
+        self.stream.publish(numbers[self.first:self.first + self.size], stamp_ns)
 
 
 class StatePublisher:
     """
-    Publishes ``~/state`` in every tick; pose, stiffness, joints and links for viewers.
+    Publishes ``~/state`` in every tick; pose, stiffness, joints and links at a lower rate.
 
-    A loop of its own serves the viewers (`show`): what it takes does not hold the arm up.
+    The links have a loop of their own (`show`): what it takes does not hold the arm up.
 
     :ivar tf: publisher of the links
     :ivar states: publisher of ``~/state``
+    :ivar parts: of the state: measured pose, applied and requested stiffness, joints
+    :ivar every: ticks for one message of each part; each has another tick
+    :ivar wanted: whether the state has subscribers, and each part
     :ivar templates: of its messages, without and with a reference of the joints
     :ivar numbers: of the last tick (`gdmp_ros.ros.messages.robot_state_numbers`), with room for a
         reference of the joints
     :ivar written: number of the tick that was begun to be written, of the one that is whole, and
-        its stamp [ns], whether states have subscribers, and whether the joints follow a
-        reference: a loop without the interpreter writes and reads them too
+        its stamp [ns], whether anything is wanted, and whether the joints follow a reference: a
+        loop without the interpreter writes and reads them too
     :ivar others: gives positions of a gripper and of objects
     """
 
-    def __init__(self, node: ManagedNode, frame: str, joints: Sequence[str], rate_hz: float,
-                 prefix: str = ''):
+    def __init__(self, node: ManagedNode, frame: str, joints: Sequence[str], period: float,
+                 rate_hz: float, prefix: str = ''):
         """
         Create the publishers.
 
         :param frame: ``frame_id`` of the states
         :param joints: names of the joints
-        :param rate_hz: of messages for viewers
+        :param period: of the ticks [s]
+        :param rate_hz: of the parts
         :param prefix: of ``joint_states``, which a driver of the arm may publish itself
         """
         self.states = node.add_publisher(RobotState, '~/state', DEEP)
@@ -64,15 +85,19 @@ class StatePublisher:
         # The messages have different sizes.
         self.templates = template(3), template(6)
         self._state, self._joint_state = (Stream(self.states, one) for one in self.templates)
-        self._pose = pose_stream(node, '~/measured_pose', frame)
-        self._applied = stiffness_stream(node, '~/applied_stiffness')
-        self._requested = stiffness_stream(node, '~/requested_stiffness')
-        self._joints = joints_stream(node, f'{prefix}joint_states', joints)
+        self.parts = [StatePart(*part) for part in (
+            (pose_stream(node, '~/measured_pose', frame), 0, 7),
+            (stiffness_stream(node, '~/applied_stiffness'), 19, 36),
+            (stiffness_stream(node, '~/requested_stiffness'), 55, 36),
+            (joints_stream(node, f'{prefix}joint_states', joints), ROBOT_STATE_FIXED,
+             3 * len(joints)))]
+        self.every = max(round(1.0 / (rate_hz * period)), 1)
+        self.wanted = np.zeros(1 + len(self.parts), dtype=np.bool_)
         self.tf = TfPublisher(node)
         self.numbers = np.zeros(ROBOT_STATE_FIXED + 6 * len(joints))
         self.written = np.zeros(5, dtype=np.int64)
         self.others: Callable[[], np.ndarray] = lambda: _NOTHING
-        self._rate_hz, self._count = rate_hz, len(joints)
+        self._links_ns, self._count = round(LINKS_EVERY * NS / rate_hz), len(joints)
 
     def publish(self, tick: Tick, stamp_ns: int, sequence: int) -> None:
         """
@@ -87,6 +112,9 @@ class StatePublisher:
         if self._state.has_subscribers:
             state = self._state if tick.joints is None else self._joint_state
             state.publish(numbers, stamp_ns, sequence, tick.mode, number)
+        for k, part in enumerate(self.parts):
+            if part.stream.has_subscribers and (number - k) % self.every == 0:
+                part.publish(numbers, stamp_ns)
 
     def last(self) -> tuple[np.ndarray, int]:
         """Numbers and stamp of the last tick [ns], whole: any thread may call it."""
@@ -97,38 +125,25 @@ class StatePublisher:
                 return numbers, stamp_ns
 
     def show(self, clock: Clock) -> Loop:
-        """Serve the viewers, and look for subscribers."""
-        self._check()
-        turn = 0
-
-        def step(deadline_ns: int, now_ns: int) -> None:
-            nonlocal turn
-            turn += 1
-            if turn % LOOK_EVERY == 0:
+        """Look for subscribers, and publish the links while somebody looks at them."""
+        look_at = 0
+        while True:
+            now = clock.now()
+            if now >= look_at:
                 self._check()
-            self._show(turn % LINKS_EVERY == 0)
-        return periodic(step, round(NS / self._rate_hz), clock)
+                look_at = now + LOOK_NS
+            if self.tf.has_subscribers:
+                self._show_links()
+            yield now + (self._links_ns if self.tf.has_subscribers else LOOK_NS)
 
     def _check(self) -> None:
-        check_subscribers(self._state, self._pose, self._applied, self._requested, self._joints)
+        streams = self._state, *(part.stream for part in self.parts)
+        check_subscribers(*streams)
         self.tf.check()
-        self.written[3] = self._state.has_subscribers
+        self.wanted[:] = [stream.has_subscribers for stream in streams]
+        self.written[3] = self.wanted.any()
 
-    def _show(self, links: bool) -> None:
-        """Publish the last tick to those who look; the links, too, if wanted."""
-        links &= self.tf.has_subscribers
-        shown = self._pose, self._applied, self._requested, self._joints
-        if not (links or any(one.has_subscribers for one in shown)):
-            return
+    def _show_links(self) -> None:
         numbers, stamp_ns = self.last()
-        joints = numbers[ROBOT_STATE_FIXED:][:3 * self._count]
-        if self._pose.has_subscribers:
-            self._pose.publish(numbers[:7], stamp_ns)
-        if self._applied.has_subscribers:
-            self._applied.publish(numbers[19:55])
-        if self._requested.has_subscribers:
-            self._requested.publish(numbers[55:91])
-        if self._joints.has_subscribers:
-            self._joints.publish(joints, stamp_ns)
-        if links:
-            self.tf.publish(np.concatenate([joints[:self._count], self.others()]), stamp_ns)
+        position = numbers[ROBOT_STATE_FIXED:][:self._count]
+        self.tf.publish(np.concatenate([position, self.others()]), stamp_ns)

@@ -58,6 +58,11 @@ class GoalInput:
         self._use, self._refuse = use, refuse
         self._waiting: tuple[bytes, float] | None = None
 
+    @property
+    def waits(self) -> bool:
+        """Whether a goal waits for its frame."""
+        return self._waiting is not None
+
     def discard(self) -> None:
         """Discard the goals that have come."""
         self._waiting = None
@@ -116,6 +121,11 @@ class GoalTopics:
     def subscriptions(self) -> list[Subscription]:
         """All of them."""
         return [topic.subscription for topic in self._inputs]
+
+    @property
+    def waiting(self) -> bool:
+        """Whether a goal waits for its frame."""
+        return any(topic.waits for topic in self._inputs)
 
     def discard(self) -> None:
         """Discard the messages that have come."""

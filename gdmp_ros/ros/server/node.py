@@ -283,7 +283,7 @@ class TrajectoryServer(ManagedNode):
                 elif now < due:
                     continue
                 polled = now
-                self._poll()
+                self._poll(came)
                 if now < look_at:
                     continue
                 self.streamer.look()
@@ -319,10 +319,15 @@ class TrajectoryServer(ManagedNode):
             self._poll()
         self._publish(self.streamer.tick(now_ns, longest_s), stamp_ns)
 
-    def _poll(self) -> None:
-        """Use the newest goals, and where the objects are."""
+    def _poll(self, came: bool = True) -> None:
+        """
+        Use the newest goals, and where the objects are.
+
+        :param came: whether goals may have come
+        """
         if self.streamer.joints == 0:
-            self.goals.poll(self.parameters.tf_timeout)
+            if came or self.goals.waiting:
+                self.goals.poll(self.parameters.tf_timeout)
             self.streamer.follow_objects()
 
     def _publish(self, target: np.ndarray | None, stamp_ns: int) -> None:
