@@ -45,8 +45,7 @@ ARM = (
     Spec('autostart', True, 'configure and activate at start-up'),
     Spec('frame_id', 'panda_link0', "frame of the robot's base; references in others are refused"),
     Spec('reference_topic', 'trajectory_server/reference', 'gdmp_msgs/Reference to follow'),
-    Spec('visualization_rate_hz', 100, 'rate of joint states, measured pose and stiffness for '
-         'viewers', 'Hz', 1, 100),
+    Spec('visualization_rate_hz', 100, 'rate of measured pose, stiffness and joint states', 'Hz', 1, 100),
     *SCENE_SPECS,
     *CLOUD_SPECS,
     *BODY_SPECS,
