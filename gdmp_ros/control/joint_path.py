@@ -11,11 +11,11 @@ from typing import NamedTuple
 import numpy as np
 
 from gdmp_ros.control.governor import HELD_IN_S, share_of_way, TOOL_SPEED_SHARE
-from gdmp_ros.control.law import compute, multiply_vector
+from gdmp_ros.control.law import compute
 from gdmp_ros.control.memory import arm_view, JOINT_MOTION
 from gdmp_ros.control.settings import LIMIT_NUMBERS
 from gdmp_ros.kernels import kernel, local_numbers, records_at
-from gdmp_ros.manifolds.linalg import copy_into, norm
+from gdmp_ros.manifolds.linalg import copy_into, multiply_vector, norm
 
 #: Coefficients of a polynomial.
 ORDER = 6

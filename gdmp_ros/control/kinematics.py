@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gdmp_ros.kernels import kernel, local_numbers, noinline
+from gdmp_ros.kernels import kernel, local_matrix, local_numbers, noinline
 from gdmp_ros.manifolds.quaternion import multiply, rotate, rotation_between
 
 #: Steps of `Chain.near`, and the damping of each [m, rad].
@@ -27,32 +27,20 @@ def chain_state(frames, axes, end, position, pose, jacobian):
     """
     noinline()
     n = position.size
-    step, moved, turn = local_numbers(4), local_numbers(3), pose[3:]
-    for i in range(7):
-        pose[i] = 1.0 if i == 3 else 0.0
-    for k in range(n + 1):
-        frame = frames[k] if k < n else end
-        rotate(turn, frame[:3], moved)
-        for i in range(3):
-            pose[i] += moved[i]
-        multiply(turn, frame[3:], turn)
-        if k == n:
-            break
-        rotate(turn, axes[k], moved)
-        for i in range(3):
-            jacobian[i, k], jacobian[3 + i, k] = pose[i], moved[i]
-        half = 0.5 * position[k]
-        step[0] = math.cos(half)
-        for i in range(3):
-            step[1 + i] = math.sin(half) * axes[k, i]
-        multiply(turn, step, turn)
+    links, turns, lever = local_matrix(n + 1, 7), local_matrix(n, 3), local_numbers(3)
+    place_links(frames, axes, position, links, turns)
+    rotate(links[n, 3:], end[:3], lever)
+    for i in range(3):
+        pose[i] = links[n, i] + lever[i]
+    multiply(links[n, 3:], end[3:], pose[3:])
     for k in range(n):
         for i in range(3):
-            moved[i] = pose[i] - jacobian[i, k]
-        x, y, z = jacobian[3, k], jacobian[4, k], jacobian[5, k]
-        jacobian[0, k] = y * moved[2] - z * moved[1]
-        jacobian[1, k] = z * moved[0] - x * moved[2]
-        jacobian[2, k] = x * moved[1] - y * moved[0]
+            lever[i] = pose[i] - links[k + 1, i]
+            jacobian[3 + i, k] = turns[k, i]
+        x, y, z = turns[k, 0], turns[k, 1], turns[k, 2]
+        jacobian[0, k] = y * lever[2] - z * lever[1]
+        jacobian[1, k] = z * lever[0] - x * lever[2]
+        jacobian[2, k] = x * lever[1] - y * lever[0]
 
 
 @kernel

@@ -38,7 +38,7 @@ from gdmp_ros.control.target import (
 from gdmp_ros.control.torque_limits import distance_outside, limit_torque, push_from_walls
 from gdmp_ros.control.weight import add_weight, change_weight, is_weightless
 from gdmp_ros.kernels import kernel, local_numbers, local_zeros, records_at
-from gdmp_ros.manifolds.linalg import copy_into, is_finite, norm
+from gdmp_ros.manifolds.linalg import copy_into, is_finite, multiply_vector, norm
 
 #: Band below the speed limit of the tool in which what drives it decreases [m/s].
 TOOL_SPEED_BAND = 0.15
@@ -102,15 +102,6 @@ def _change_posture(arm, dt):
 def _ratio(asked, usual):
     """Damping ratio of a reference; 0 in a message stands for nothing."""
     return max(asked if asked != 0.0 else usual, SMALLEST_DAMPING_RATIO)
-
-
-@kernel
-def multiply_vector(matrix, vector, result):
-    """Write the product of a matrix and a vector."""
-    for i in range(matrix.shape[0]):
-        result[i] = 0.0
-        for j in range(matrix.shape[1]):
-            result[i] += matrix[i, j] * vector[j]
 
 
 @kernel

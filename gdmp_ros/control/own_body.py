@@ -160,18 +160,29 @@ def _distance(capsules, ends, a, b, way, far):
 
 
 @kernel
-def _closing(capsules, links, turns, a, b, way, far, length, row):
-    """Write by how much each joint reduces the distance of two capsules [m/rad]."""
+def closing(links, turns, joints, point, way, length, row):
+    """
+    Write by how much each joint brings a point nearer to another one [m/rad].
+
+    :param links: and ``turns``: see `place_capsules`
+    :param joints: the first one that moves the point, and the one behind the last
+    :param way: from the point to the other one, of a length
+    """
     for k in range(row.size):
         row[k] = 0.0
     lever = local_numbers(3)
-    # Joints that move both leave their distance as it is.
-    for k in range(int(capsules[a, 0]), int(capsules[b, 0])):
+    for k in range(joints[0], joints[1]):
         x, y, z = turns[k, 0], turns[k, 1], turns[k, 2]
         for i in range(3):
-            lever[i] = far[i] - links[k + 1, i]
+            lever[i] = point[i] - links[k + 1, i]
         row[k] = -(way[0] * (y * lever[2] - z * lever[1]) + way[1] * (z * lever[0] - x * lever[2])
                    + way[2] * (x * lever[1] - y * lever[0])) / length
+
+
+@kernel
+def _between_them(capsules, a, b):
+    """Joints between two links: those that move both leave their distance as it is."""
+    return int(capsules[a, 0]), int(capsules[b, 0])
 
 
 @kernel
@@ -207,7 +218,8 @@ def body_rows(frames, axes, position, capsules, pairs, deceleration, fastest, fi
         length = _distance(capsules, ends, a, b, way, far)
         bound = approach(length - capsules[a, 7] - capsules[b, 7] - KEEP, deceleration)
         if bound < fastest and length > 1e-9:
-            _closing(capsules, links, turns, a, b, way, far, length, rows[count])
+            closing(links, turns, _between_them(capsules, a, b), far, way, length,
+                    rows[count])
             bounds[count], ids[count] = bound, first_id + p
             count += 1
     return count
@@ -241,12 +253,12 @@ def push_apart(frames, axes, position, velocity, capsules, pairs, relief, torque
         relief[p] = min(relief[p], deep)
         if deep <= relief[p] or length < 1e-9:
             continue
-        _closing(capsules, links, turns, a, b, way, far, length, row)
-        closing = 0.0
+        closing(links, turns, _between_them(capsules, a, b), far, way, length, row)
+        nearing = 0.0
         for i in range(n):
-            closing += row[i] * velocity[i]
+            nearing += row[i] * velocity[i]
         # It begins at zero, and grows so slowly that the motors keep up with it.
-        force = PUSH / KEEP * (deep - relief[p]) * (1.0 + max(closing, 0.0) / DOUBLED)
+        force = PUSH / KEEP * (deep - relief[p]) * (1.0 + max(nearing, 0.0) / DOUBLED)
         for i in range(n):
             torque[i] -= force * row[i]
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from gdmp_ros.control.arm_control import ArmControl
 from gdmp_ros.control.joint_path import CALLED, JointPath, make_way
-from gdmp_ros.control.law import compute, let_move, multiply_vector, NOT_FINITE
+from gdmp_ros.control.law import compute, let_move, NOT_FINITE
 from gdmp_ros.control.memory import arm_view, JOINT_SPRINGS, TOOL_SPRING
 from gdmp_ros.control.stream import (
     advance,
@@ -25,7 +25,7 @@ from gdmp_ros.control.stream import (
 )
 from gdmp_ros.control.target import STIFFNESS
 from gdmp_ros.kernels import kernel, records_at
-from gdmp_ros.manifolds.linalg import copy_into, is_finite
+from gdmp_ros.manifolds.linalg import copy_into, is_finite, multiply_vector
 
 #: What a tick returns beside `CALLED` and the events of `compute`: it was made; nothing was done,
 #: so it is to be made.

@@ -14,7 +14,7 @@ import numpy as np
 
 from gdmp_ros.control.kinematics import Chain
 from gdmp_ros.control.limit_rows import approach, LAST_S
-from gdmp_ros.control.own_body import Body, DOUBLED, place_capsules
+from gdmp_ros.control.own_body import Body, closing, DOUBLED, place_capsules
 from gdmp_ros.kernels import kernel, local_matrix, local_numbers, noinline
 from gdmp_ros.manifolds.quaternion import rotate_by_vector
 from gdmp_ros.scene.distance import is_allowed, point_distance, segment_distance
@@ -98,22 +98,6 @@ def _share_beside(away, margin, coming):
 
 
 @kernel
-def _closing(capsule, links, turns, point, way, row):
-    """Write by how much each joint brings a point of a link nearer to a volume [m/rad]."""
-    lever = local_numbers(3)
-    moved_by = int(capsule[0])
-    for k in range(row.size):
-        row[k] = 0.0
-        if k >= moved_by:
-            continue
-        x, y, z = turns[k, 0], turns[k, 1], turns[k, 2]
-        for i in range(3):
-            lever[i] = point[i] - links[k + 1, i]
-        row[k] = -(way[0] * (y * lever[2] - z * lever[1]) + way[1] * (z * lever[0] - x * lever[2])
-                   + way[2] * (x * lever[1] - y * lever[0]))
-
-
-@kernel
 def _place_for(bounds, first, count, bound):
     """Return where a row comes: behind the others, or in the place of the loosest one; or -1."""
     if count - first < MOST_ROWS:
@@ -186,7 +170,7 @@ def surroundings_rows(frames, axes, position, capsules, volumes, slack, decelera
                             -retreat)
                 at = _place_for(bounds, first, count, bound)
                 if bound < fastest and at >= 0:
-                    _closing(capsule, links, turns, point, way, rows[at])
+                    closing(links, turns, (0, int(capsule[0])), point, way, 1.0, rows[at])
                     bounds[at], ids[at] = bound, first_id + v * m + c
                     count = max(count, at + 1)
     return count, share, clearance, nearest
@@ -232,11 +216,11 @@ def push_away(frames, axes, position, velocity, capsules, volumes, dt, relief, t
             relief[v, c] = min(relief[v, c] + dt * coming, deep)
             if deep <= relief[v, c]:
                 continue
-            _closing(capsule, links, turns, point, way, row)
-            closing = 0.0
+            closing(links, turns, (0, int(capsule[0])), point, way, 1.0, row)
+            nearing = 0.0
             for i in range(n):
-                closing += row[i] * velocity[i]
-            force = min(BARRIER * (deep - relief[v, c]) * (1.0 + max(closing, 0.0) / DOUBLED),
+                nearing += row[i] * velocity[i]
+            force = min(BARRIER * (deep - relief[v, c]) * (1.0 + max(nearing, 0.0) / DOUBLED),
                         MOST_FORCE)
             for i in range(n):
                 torque[i] -= force * row[i]

@@ -178,6 +178,15 @@ def copy_into(source, out):
 
 
 @kernel
+def multiply_vector(matrix, vector, result):
+    """Write the product of a matrix and a vector."""
+    for i in range(matrix.shape[0]):
+        result[i] = 0.0
+        for j in range(matrix.shape[1]):
+            result[i] += matrix[i, j] * vector[j]
+
+
+@kernel
 def copy_numbers(count, source, out):
     """``out[:count] = source[:count]``, of arrays or pointers."""
     for i in range(count):

@@ -199,10 +199,6 @@ class Adapter(ManagedNode):
             self._loop.end()
             self._loop = None
 
-    def cleanup(self) -> None:
-        self.release()
-        self.parameters.locked = False
-
     def _check(self, p: Any) -> None:
         for word, low, high in zip(('translational', 'rotational'), p.stiffness_min,
                                    p.stiffness_max):

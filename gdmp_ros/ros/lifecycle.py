@@ -42,15 +42,17 @@ class ManagedNode(LifecycleNode):
     """
     A lifecycle node that logs why a transition failed.
 
-    Subclasses implement `configure`, `activate`, `deactivate` and `cleanup`, which raise an
-    exception on failure.
+    Subclasses implement `configure`, `activate` and `deactivate`, and extend `cleanup`; these
+    raise an exception on failure.
 
     :ivar participant: what the node offers and uses goes through it
+    :ivar parameters: see `gdmp_ros.ros.parameters.Parameters`; a subclass makes them
     :ivar clock: of the node, and of everything that it uses
     :ivar shut_down: whether the node has been shut down: it does nothing any more
     """
 
     shut_down = False
+    parameters: Any
 
     def __init__(self, name: str, namespace: str = ''):
         self._made: list[object] = []
@@ -71,7 +73,9 @@ class ManagedNode(LifecycleNode):
         """Stop working."""
 
     def cleanup(self) -> None:
-        """Destroy everything."""
+        """Destroy everything that was added; parameters can be set again."""
+        self.release()
+        self.parameters.locked = False
 
     def destroy_node(self) -> None:
         """Destroy what the node has; nothing of it answers any more."""

@@ -15,7 +15,7 @@ from gdmp_ros.control.surroundings import depths
 from gdmp_ros.dmp.changes import joints_in_order
 from gdmp_ros.dmp.skill import Skill
 from gdmp_ros.errors import DataError, ManifoldError, ParameterError
-from gdmp_ros.manifolds.quaternion import rotation_angles
+from gdmp_ros.manifolds.quaternion import rotation_angles, rotation_between
 from gdmp_ros.playback.settings import PlayerSettings
 from gdmp_ros.playback.streamed_skill import Kind, StreamedSkill
 from gdmp_ros.scene.route import Tool
@@ -127,7 +127,7 @@ class Reach:
             measured[:3] = data.site_xpos[self._site]
             mujoco.mju_mat2Quat(measured[3:], data.site_xmat[self._site])
             error[:3] = pose[:3] - measured[:3]
-            self._turn(measured[3:], pose[3:], error[3:])
+            rotation_between(measured[3:], pose[3:], error[3:])
             if (np.abs(error[:3]).max() < 0.1 * REACHED_M
                     and np.abs(error[3:]).max() < 0.1 * REACHED_RAD):
                 break
@@ -138,15 +138,6 @@ class Reach:
             q = np.where(self._limited, np.clip(q + step, self._lower, self._upper), q + step)
         return (data.qpos.copy(), float(np.linalg.norm(error[:3])),
                 float(rotation_angles(measured[3:], pose[3:])))
-
-    @staticmethod
-    def _turn(start: np.ndarray, end: np.ndarray, out: np.ndarray) -> None:
-        inverse, between = np.empty(4), np.empty(4)
-        mujoco.mju_negQuat(inverse, start)
-        mujoco.mju_mulQuat(between, end, inverse)
-        if between[0] < 0.0:
-            between *= -1.0
-        mujoco.mju_quat2Vel(out, between, 1.0)
 
 
 class Margin(NamedTuple):

@@ -11,14 +11,13 @@ import numpy as np
 
 from gdmp_ros.control.arm_control import ArmControl
 from gdmp_ros.control.joint_path import CALLED
-from gdmp_ros.control.law import multiply_vector
 from gdmp_ros.control.measurement import Tick
 from gdmp_ros.control.memory import arm_view
 from gdmp_ros.control.modes import StreamMode
 from gdmp_ros.control.plain_tick import decide, MADE, OTHER
 from gdmp_ros.control.stream import FOLLOWED, go_on
 from gdmp_ros.kernels import kernel
-from gdmp_ros.manifolds.linalg import copy_into
+from gdmp_ros.manifolds.linalg import copy_into, multiply_vector
 from gdmp_ros.sim.arm import FATAL
 from gdmp_ros.sim.gripper import advance_gripper, GripperView, NO_GRIPPER
 from gdmp_ros.sim.native import external_torque, look, ModelView, step, TouchedBody

@@ -20,6 +20,7 @@ from gdmp_ros.studio.commands import Changes
 from gdmp_ros.studio.robot import RobotView
 from gdmp_ros.studio.run_panel import RunPanel
 from gdmp_ros.studio.scene import BEFORE
+from gdmp_ros.studio.workbench import check_free, Opened
 
 NONE, CHOOSE = 'none yet', 'choose one'
 #: Spacing of an exported motion [s].
@@ -182,16 +183,15 @@ class SkillPanel:
         """Keep and open a file that a browser has sent."""
         self._show_opened(name, self._studio.bench.receive(name, content, self._replace.value))
 
-    def _show_opened(self, name: str, kind: str) -> None:
+    def _show_opened(self, name: str, opened: Opened) -> None:
         studio = self._studio
-        added = kind.removeprefix('skill ')
-        if added in studio.bench.skills and not studio.bench.unsaved:
-            studio.bench.choose(added)
+        if opened.skill and not studio.bench.unsaved:
+            studio.bench.choose(opened.skill)
         self._recent.options, self._recent.value = self._remembered(), CHOOSE
         for tell in studio.on_opened:
             tell()
         studio.redraw()
-        studio.notify('opened', f'{name}: {kind}', 'green')
+        studio.notify('opened', f'{name}: {opened.kind}', 'green')
 
     def _remembered(self) -> tuple[str, ...]:
         return (CHOOSE, *map(str, self._studio.bench.recent.paths()))
@@ -232,9 +232,7 @@ class SkillPanel:
         if not name or Path(name).suffix != '.json':
             raise DataError(f'file {name!r}: expected the name of a file that ends in .json')
         path = Path(name).with_suffix(suffix)
-        if path.exists() and not self._replace.value:
-            raise DataError(f'{path}: exists already; tick "replace an existing file", or choose '
-                            'another name')
+        check_free(path, self._replace.value)
         return path
 
     def _compare(self, name: str, visible: bool) -> None:

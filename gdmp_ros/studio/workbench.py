@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 import re
+from typing import NamedTuple
 
 import numpy as np
 
@@ -49,6 +50,25 @@ class Take:
     def of_joints(self) -> bool:
         """Whether it has positions of joints only."""
         return is_of_joints(self.recording.demonstration)
+
+
+class Opened(NamedTuple):
+    """
+    A file or folder that was opened.
+
+    :ivar kind: what it is
+    :ivar skill: its name in the workbench; empty if it is no skill
+    """
+
+    kind: str
+    skill: str = ''
+
+
+def check_free(path: Path, replace_file: bool) -> None:
+    """:raises DataError: if a file exists that is not to be replaced"""
+    if path.exists() and not replace_file:
+        raise DataError(f'{path}: exists already; tick "replace an existing file", or choose '
+                        'another name')
 
 
 class Workbench:
@@ -171,33 +191,30 @@ class Workbench:
         back.append(self.changes)
         self.changes = where.pop()
 
-    def open(self, source: Path) -> str:
+    def open(self, source: Path) -> Opened:
         """
         Open a skill, a sequence, a scene, a take, a folder of takes, or a recorded run.
 
-        :returns: what it is
         :raises DataError: if it cannot be read
         """
         if not source.exists():
             raise DataError(f'{source}: there is no such file or folder')
-        kind = self._open(source)
+        result = self._open(source)
         self.recent.add(source)
-        return kind
+        return result
 
-    def receive(self, name: str, content: bytes, replace_file: bool = False) -> str:
+    def receive(self, name: str, content: bytes, replace_file: bool = False) -> Opened:
         """
         Keep a file that a browser has sent in the present folder, and open it.
 
         :param name: of the file; its folder, on another machine, does not count
-        :returns: what it is
         :raises DataError: if there is a file of this name already, it cannot be written, or it
             cannot be read; nothing is kept then
         """
         path = Path(Path(name).name)
         if path.is_dir():
             raise DataError(f'{name!r}: expected the name of a file')
-        if path.exists() and not replace_file:
-            raise DataError(f'{path}: exists already; tick "replace an existing file"')
+        check_free(path, replace_file)
         if not content:
             raise DataError(f'{name}: the file is empty')
         old = path.read_bytes() if path.exists() else None
@@ -214,22 +231,23 @@ class Workbench:
                 write_bytes(path, old)
             raise
 
-    def _open(self, source: Path) -> str:
+    def _open(self, source: Path) -> Opened:
         if source.suffix == '.json' and not source.is_dir():
-            return f'skill {self.open_skill(source)}'
+            name = self.open_skill(source)
+            return Opened(f'skill {name}', name)
         if source.suffix in SEQUENCES and not source.is_dir():
             if is_scene(source):
                 self.scene = read_scene(source)
-                return f'scene with {len(self.scene)} volumes'
+                return Opened(f'scene with {len(self.scene)} volumes')
             self.open_sequence(source)
-            return f'sequence {source.name}'
+            return Opened(f'sequence {source.name}')
         found = takes.bags_in(source)
         for bag in found:
             if not episodes.is_foreign(bag) and _is_run(bag):
                 self.runs[bag.name] = of_run(bag)
             else:
                 self.open_take(bag)
-        return f'{len(found)} recording{"s" if len(found) != 1 else ""}'
+        return Opened(f'{len(found)} recording{"s" if len(found) != 1 else ""}')
 
     def open_take(self, path: Path) -> Take:
         """

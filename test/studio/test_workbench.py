@@ -79,7 +79,7 @@ def test_what_cannot_be_opened_is_named(tmp_path):
 def test_what_a_browser_sends_is_kept_or_refused_as_a_whole(folder, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     bench, sent = Workbench(), (folder / 'skill.json').read_bytes()
-    assert bench.receive('/somewhere/else/mine.json', sent) == 'skill mine'
+    assert bench.receive('/somewhere/else/mine.json', sent) == ('skill mine', 'mine')
     assert (tmp_path / 'mine.json').read_bytes() == sent and bench.recent.paths()[0] == (
         tmp_path / 'mine.json')
     with pytest.raises(DataError, match='mine.json: exists already'):

@@ -33,11 +33,10 @@ class FrankaGripperNode(ManagedNode):
         self.parameters.locked = True
 
     def cleanup(self) -> None:
-        self.release()
+        super().cleanup()
         if self._gripper is not None:
             self._gripper.close()
             self._gripper = None
-        self.parameters.locked = False
 
 
 def main(arguments: list[str] | None = None) -> int:

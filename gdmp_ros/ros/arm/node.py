@@ -236,9 +236,8 @@ class ArmNode(ManagedNode):
         return '' if loop.failure is None else _failed(loop)
 
     def cleanup(self) -> None:
-        self.release()
+        super().cleanup()
         self.backend.close()
-        self.parameters.locked = False
 
     def _check(self, proposed: Any) -> None:
         carried = payload(proposed)

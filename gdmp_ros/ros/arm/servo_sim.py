@@ -108,10 +108,6 @@ class ServoSim(ManagedNode):
             self._loop.end()
             self._loop = None
 
-    def cleanup(self) -> None:
-        self.release()
-        self.parameters.locked = False
-
     def _tick(self, deadline_ns: int, now_ns: int) -> None:
         message = self._taken.newest_message()
         if message is not None:

@@ -87,10 +87,6 @@ class TakeRecorder(ManagedNode):
             self._tap.release()
             self._tap = None
 
-    def cleanup(self) -> None:
-        self.release()
-        self.parameters.locked = False
-
     def _named(self, name: str) -> dict[str, str]:
         """Topics and their types in a parameter."""
         result = {}

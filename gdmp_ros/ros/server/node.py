@@ -229,11 +229,10 @@ class TrajectoryServer(ManagedNode):
             self.streamer.lateness.save(self.parameters.lateness_file)
 
     def cleanup(self) -> None:
-        self.release()
+        super().cleanup()
         if self._configured:
             self._learning.cancel()
         self._configured = False
-        self.parameters.locked = False
 
     # Streaming
 

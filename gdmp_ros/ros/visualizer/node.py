@@ -101,10 +101,6 @@ class Visualizer(ManagedNode):
             self.handles.remove(name)
         self._markers.publish(MarkerArray(markers=[Marker(action=Marker.DELETEALL)]))
 
-    def cleanup(self) -> None:
-        self.release()
-        self.parameters.locked = False
-
     # Input
 
     def take_server(self, message: ServerState) -> None:
