@@ -25,6 +25,10 @@ from test.ros.nodes import act, begin_action, DEACTIVATE, FRAME
 STEP = f'{ARM}/step_simulation'
 
 
+def stamp_of(message):
+    return message.header.stamp.sec, message.header.stamp.nanosec
+
+
 def pause(nodes):
     """Pause, and wait until the last state has arrived."""
     assert nodes.call(SetBool, f'{ARM}/set_pause', data=True).success
@@ -51,6 +55,23 @@ def test_the_simulation_pauses_steps_and_resets(running):
     reset = len(running.robot)
     running.wait('the arm again', lambda: len(running.robot) > reset + 400)
     np.testing.assert_allclose(running.tool()[:3], Arm().measure().pose[:3], atol=1e-3)
+
+
+def test_who_looks_while_time_stands_still_sees_the_last_tick(running):
+    pause(running)
+    assert running.call(StepSimulation, STEP, steps=3).success
+    running.wait_quiet(running.robot)
+    joints, poses = (running.collect(kind, topic) for kind, topic in (
+        (JointState, '/joint_states'), (PoseStamped, f'{ARM}/measured_pose')))
+    running.wait('both', lambda: len(joints) > 3 and len(poses) > 3)
+    last = running.robot[-1]
+    assert {stamp_of(one) for one in [*joints, *poses]} == {stamp_of(last)}
+    assert list(joints[-1].position) == list(last.position) and poses[-1].pose == last.pose
+    assert running.call(StepSimulation, STEP, steps=1).success
+    running.wait_quiet(running.robot)
+    latest = stamp_of(running.robot[-1])
+    assert latest > stamp_of(last)
+    running.wait('the next', lambda: stamp_of(joints[-1]) == stamp_of(poses[-1]) == latest)
 
 
 def test_the_arm_answers_and_publishes_while_it_makes_many_steps(running):

@@ -210,6 +210,7 @@ class SimulatedArm(ArmBackend):
         node, driver = self.node, self.driver
         node.commands.carry_out()
         if self.paused and self.steps_left == 0:
+            node.state_out.repeat()
             return False
         node.commands.take_references(now_ns)
         self._poll_hand()

@@ -97,6 +97,7 @@ class StatePublisher:
         self.numbers = np.zeros(ROBOT_STATE_FIXED + 6 * len(joints))
         self.written = np.zeros(5, dtype=np.int64)
         self.others: Callable[[], np.ndarray] = lambda: _NOTHING
+        self._repeats = 0
         self._links_ns, self._count = round(LINKS_EVERY * NS / rate_hz), len(joints)
 
     def publish(self, tick: Tick, stamp_ns: int, sequence: int) -> None:
@@ -112,6 +113,14 @@ class StatePublisher:
         if self._state.has_subscribers:
             state = self._state if tick.joints is None else self._joint_state
             state.publish(numbers, stamp_ns, sequence, tick.mode, number)
+        self._publish_parts(numbers, stamp_ns, number)
+
+    def repeat(self) -> None:
+        """Publish parts of the last tick again: time stands still."""
+        self._repeats += 1
+        self._publish_parts(*self.last(), self._repeats)
+
+    def _publish_parts(self, numbers: np.ndarray, stamp_ns: int, number: int) -> None:
         for k, part in enumerate(self.parts):
             if part.stream.has_subscribers and (number - k) % self.every == 0:
                 part.publish(numbers, stamp_ns)
