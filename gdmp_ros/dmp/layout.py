@@ -73,7 +73,7 @@ def scalar_index(name: str) -> int:
     return _SIZES + (SCALARS.names or ()).index(name)
 
 
-#: Indices of the flag ``finished`` and of the speed in a memory.
+#: Indices of the flag ``finished``, of the progress and of the speed in a memory.
 FINISHED, PROGRESS, SPEED = map(scalar_index, ('finished', 'progress', 'speed'))
 
 

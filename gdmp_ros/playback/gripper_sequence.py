@@ -82,21 +82,21 @@ class GripperSequence:
         return player.rollout is not None and bool(events) and (
             player.motion != self._motion or self._next < len(events))
 
-    def due(self, player: Player) -> float | None:
+    def due(self, player: Player) -> float:
         """
-        Progress at which the motion needs `advance`, as far as it only goes on; infinite: never.
+        Progress of the motion after which it needs `advance`, as long as it only goes on.
 
-        None: after the next tick.
+        Infinite if it never does; minus infinity: after the next tick.
         """
         rollout, events = player.rollout, player.playing.skill.events
         if rollout is None or not events:
             return math.inf
         if player.motion != self._motion or self._waits:
-            return None
+            return -math.inf
         if self._next == len(events) or player.state not in _EXECUTED:
             return math.inf
         at = float(events[self._next].progress)
-        return None if rollout.progress >= at or rollout.finished else at
+        return -math.inf if rollout.progress >= at or rollout.finished else at
 
     def advance(self, player: Player, dt: float) -> None:
         """Let ``dt`` seconds pass, after the tick of the player."""

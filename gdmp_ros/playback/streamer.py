@@ -432,7 +432,7 @@ class Streamer:
         if self.gripper is not None and player.playing.skill.events:
             self.gripper.advance(player, dt)
 
-    def _due(self, player: Player) -> float | None:
+    def _due(self, player: Player) -> float:
         """See `GripperSequence.due`."""
         return math.inf if self.gripper is None else self.gripper.due(player)
 
@@ -444,7 +444,7 @@ class Streamer:
             return False
         playing = player.playing
         return (player.only_goes_on and playing.kind is Kind.TOOL and not self.sequence.running
-                and self._due(player) is not None
+                and self._due(player) > -math.inf
                 and self.bounds.continues(playing, player.target))
 
     def motion(self) -> Motion:

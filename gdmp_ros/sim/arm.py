@@ -29,7 +29,7 @@ from gdmp_ros.sim.native import (
     view_of,
 )
 from gdmp_ros.sim.payload import Payload
-from gdmp_ros.sim.plant import act, change, channel, disturb, PlantSettings, reset_channel
+from gdmp_ros.sim.plant import act, change, channel_of, disturb, PlantSettings, reset_channel
 
 PANDA = BUILT_IN['panda']
 #: Adds something to a model.
@@ -134,7 +134,7 @@ class Arm:
                                       _joint_numbers(known, f'joint_slowing_{name}', 0.0)
                                       for name in ('offset', 'deceleration')]))
         self.friction = known.dof_damping.copy()
-        self.channel = channel(plant, known.njnt, self.period)
+        self.channel = channel_of(plant, known.njnt, self.period)
 
     @property
     def tool_body(self) -> int:
@@ -267,8 +267,15 @@ class Arm:
                              now.inertia, now.bias, self.friction, now.jdot_qdot[:axes])
 
     def act(self, torque: np.ndarray) -> None:
-        """Set joint torques [Nm]; they act when the simulation advances."""
-        act(self.channel, np.asarray(torque, float), self.data.ctrl[self._motors])
+        """
+        Set joint torques [Nm]; they act when the simulation advances.
+
+        :raises ValueError: unless there is one for each joint
+        """
+        control, torque = self.data.ctrl[self._motors], np.asarray(torque, float)
+        if torque.shape != control.shape:
+            raise ValueError(f'{torque.shape} torques, expected {control.shape}')
+        act(self.channel, torque, control)
 
     def step(self, torque: np.ndarray) -> None:
         """Advance by one period under joint torques [Nm]."""
@@ -290,7 +297,7 @@ class Arm:
 
     def push(self, wrench: np.ndarray) -> None:
         """Apply an external wrench at the tool from now on (base frame) [N, Nm]."""
-        push(self.touched, wrench)
+        push(self.touched, np.asarray(wrench, float))
 
     def site_pose(self, name: str) -> np.ndarray:
         """Pose (x, y, z, qw, qx, qy, qz) of a site in the base frame."""

@@ -21,7 +21,8 @@ from gdmp_ros.sim.frames import ToolTransform
 from gdmp_ros.sim.gripper import SimulatedGripper
 from gdmp_ros.sim.payload import Payload
 from gdmp_ros.sim.plain_tick import end_tick, follow_plainly, only_goes_on, robot_of
-from gdmp_ros.sim.teaching import Hand, pull
+from gdmp_ros.sim.plant import act, channel_of, PlantSettings
+from gdmp_ros.sim.teaching import Hand, NO_HAND, pull
 
 
 class SimulatedDriver:
@@ -39,6 +40,12 @@ class SimulatedDriver:
         self.joints, self.friction, self.dt = arm.limits, arm.friction, arm.period
         self.chain, self.body = arm.chain, arm.shape
         self.hand: Hand | None = None
+        # Compile what is called in a tick, or load it from the cache: this takes milliseconds.
+        measured = arm.measure()
+        pull(NO_HAND, arm.touched, measured.pose, np.zeros(6), self.dt)
+        self.release()
+        torque = measured.bias
+        act(channel_of(PlantSettings(), len(torque), self.dt), torque, torque.copy())
 
     @property
     def others(self) -> np.ndarray:

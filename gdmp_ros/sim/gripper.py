@@ -78,6 +78,7 @@ class GripperView(NamedTuple):
     places: np.ndarray
 
 
+#: An arm without a gripper.
 NO_GRIPPER = GripperView(np.zeros(0), np.zeros((3, 2), dtype=np.int64))
 
 

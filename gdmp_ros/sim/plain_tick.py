@@ -92,6 +92,7 @@ def plain_tick(robot, controller, dt):
     """
     arm = arm_view(controller.numbers)
     measure(robot, arm)
+    # For the hand; `decide` computes it for itself.
     multiply_vector(arm.jacobian, arm.velocity, arm.twist)
     pull(robot.hand, robot.touched, arm.pose, arm.twist, dt)
     event = decide(controller, dt)
@@ -150,7 +151,7 @@ def end_tick(control: ArmControl, driver: SimulatedDriver, event: int) -> Tick:
 
 
 def robot_of(driver: SimulatedDriver) -> Robot:
-    """A simulated arm that is alone, for kernels; until another hand pulls it."""
+    """A simulated arm that is alone, for kernels; until its hand or its payload is another."""
     arm, hand, gripper = driver.arm, driver.hand, driver.gripper
     data, known = arm.data, arm.known
     return Robot(arm.view, known.view, known.shared, known.data.energy, known.level,

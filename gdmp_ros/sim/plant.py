@@ -69,8 +69,8 @@ class Channel(NamedTuple):
     next: np.ndarray
 
 
-def channel(settings: PlantSettings, joints: int, period: float) -> Channel:
-    """What lies between a robot and its controller, until `reset_channel` without torques."""
+def channel_of(settings: PlantSettings, joints: int, period: float) -> Channel:
+    """What lies between a robot and its controller; `reset_channel` follows."""
     deviations = np.array([[settings.position_noise], [settings.velocity_noise]])
     shape = (NOISE_TICKS if deviations.any() else 0, 2, joints)
     return Channel(deviations * np.random.default_rng(0).standard_normal(shape),

@@ -61,6 +61,7 @@ class HandView(NamedTuple):
     left: np.ndarray
 
 
+#: A tool that no hand holds.
 NO_HAND = HandView(np.zeros(7), np.zeros((2, 3)), np.zeros(0))
 
 
@@ -114,7 +115,7 @@ class Hand:
         s = settings or HandSettings()
         self.view = HandView(np.array(pose, dtype=float), np.array([
             [s.stiffness, s.damping, s.force],
-            [s.rotational_stiffness, s.rotational_damping, s.torque]]), np.array([seconds]))
+            [s.rotational_stiffness, s.rotational_damping, s.torque]]), np.array([seconds], float))
 
     @property
     def pose(self) -> np.ndarray:

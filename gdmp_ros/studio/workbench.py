@@ -67,7 +67,7 @@ class Opened(NamedTuple):
 def check_free(path: Path, replace_file: bool) -> None:
     """:raises DataError: if a file exists that is not to be replaced"""
     if path.exists() and not replace_file:
-        raise DataError(f'{path}: exists already; tick "replace an existing file", or choose '
+        raise DataError(f'{path}: exists already; tick "replace an existing file", or use '
                         'another name')
 
 

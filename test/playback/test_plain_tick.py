@@ -131,7 +131,28 @@ def test_commands_for_a_gripper_come_in_the_same_ticks(letter):
         assert len(stream.hand.sent) == 3
     # Python makes the ticks in which a command is awaited.
     assert other.made > 0.7 * len(other.references)
-    np.testing.assert_array_equal(one.references[130:], other.references[130:])
+    # There is no reference before the first measured pose.
+    first = next(k for k, reference in enumerate(one.references) if reference is not None)
+    assert all(reference is None for reference in other.references[:first])
+    np.testing.assert_array_equal(one.references[first:], other.references[first:])
+
+
+def test_a_motion_that_is_resumed_meanwhile_needs_no_gripper_yet(letter):
+    """Another thread resumes it between the question whether it goes on, and the tick."""
+    stream = Stream(letter.with_events([GripperEvent(0.3, 0.02, 0.0, 0.1)]), True, Hand())
+    streamer = stream.streamer
+    stream.measured = letter.start[:7].copy()
+    stream.run(120)
+    stream.measured = letter.start[:7].copy()
+    streamer.begin()
+    while streamer.player.rollout is None or streamer.player.rollout.progress < 0.297:
+        stream.run(1)
+    streamer.pause(True)
+    stream.run(600)
+    assert streamer.player.rollout.progress > 0.3 and streamer.only_goes_on
+    streamer.pause(False)
+    motion = streamer.motion()
+    assert motion.due.dtype == float and plain_tick(motion, 1e-3) == DUE
 
 
 def test_what_is_asked_for_is_left_to_the_player(letter):

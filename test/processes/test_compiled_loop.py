@@ -23,6 +23,8 @@ from gdmp_ros.control.joint_target import resting_joints
 from gdmp_ros.control.limits import LIMITS
 from gdmp_ros.control.modes import StreamMode
 from gdmp_ros.control.target import resting_target
+from gdmp_ros.dmp.primitive import GripperEvent
+from gdmp_ros.playback.gripper_sequence import GripperCommands, GripperSequence
 from gdmp_ros.playback.objects import ObjectSettings
 from gdmp_ros.realtime.loop import NS
 from gdmp_ros.realtime.native import ATTENTION
@@ -41,6 +43,7 @@ from gdmp_ros.ros.middleware import DEEP, reliable
 from gdmp_ros.ros.rcl import Arrivals
 from gdmp_ros.ros.server import compiled_loop as compiled_server
 from gdmp_ros.ros.server.node import TrajectoryServer
+from test.playback.hand import Hand
 from test.processes.loop_bed import LoopBed
 
 TOPIC = '/trajectory_server/reference'
@@ -129,7 +132,7 @@ def test_parts_of_the_state_are_sent_in_some_of_the_ticks(bed, by_python):
     while not all(part.stream.publisher.subscribers() for part in bed.out.parts):
         bed.client.spin(0.01)
     bed.out._check()
-    bed.out.every = 10
+    bed.out.every[0] = 7
     begins = int(bed.out.written[0])
     if by_python:
         for _ in range(100):
@@ -140,7 +143,7 @@ def test_parts_of_the_state_are_sent_in_some_of_the_ticks(bed, by_python):
             threading.Timer(0.1, bed.loop.call).start()
             next(bed.cycles)
     states = [one for one in bed.received() if one.tick > begins]
-    expected = [[one for one in states if (one.tick - k) % 10 == 0] for k in range(4)]
+    expected = [[one for one in states if (one.tick - k) % 7 == 0] for k in range(4)]
     found = []
     for part, ticks in zip(parts, expected):
         messages = []
@@ -148,6 +151,7 @@ def test_parts_of_the_state_are_sent_in_some_of_the_ticks(bed, by_python):
             message = part.take_message()
             if message is not None:
                 messages.append(message)
+        assert part.take_message() is None
         found.append(messages)
     poses, applied, requested, joints = found
     for pose, state in zip(poses, expected[0], strict=True):
@@ -439,7 +443,7 @@ def test_a_goal_is_used_when_it_comes(server, objects):
     node._period_ns = lambda: 10 * NS
     looking, used = node._look_around(node._compiled), []
     poll = node._poll
-    node._poll = lambda came: used.append(0) or poll()
+    node._poll = lambda came: used.append(0) or poll(came)
     client = dds.Dds().client('goals')
     sender = client.publisher(Float64MultiArray, '/trajectory_server/goal_stiffness', reliable(1))
     while not sender.subscribers():
@@ -453,6 +457,72 @@ def test_a_goal_is_used_when_it_comes(server, objects):
     client.close()
 
 
+def test_goals_are_taken_only_when_some_have_come(server, monkeypatch):
+    node, _ = server
+    node._poll()
+    taken, poll = [], node.goals.poll
+    monkeypatch.setattr(node.goals, 'poll', lambda timeout: taken.append(0) or poll(timeout))
+    node._poll(False)
+    assert not taken
+    # While a skill of the joints is played, they are taken elsewhere, and used afterwards.
+    with monkeypatch.context() as meanwhile:
+        meanwhile.setattr(type(node.streamer), 'joints', 7)
+        node._poll(True)
+        assert not taken
+    node._poll(False)
+    node._poll(False)
+    assert len(taken) == 1
+    # One that waits for its frame needs no other message.
+    client = dds.Dds().client('goals')
+    sender = client.publisher(PoseStamped, '/trajectory_server/goal_pose', reliable(1))
+    while not sender.subscribers():
+        client.spin(0.01)
+    message = PoseStamped()
+    message.header.frame_id = 'nowhere'
+    sender.publish(message)
+    while not node.goals.waiting:
+        node._poll(True)
+    taken.clear()
+    while node.goals.waiting:
+        node._poll(False)
+    assert len(taken) > 1 and 'nowhere' in node.streamer.refusals.last
+    client.close()
+
+
+def test_commands_of_a_gripper_interrupt_the_ticks_without_the_interpreter(server, monkeypatch):
+    node, references = server
+    streamer, hand = node.streamer, Hand()
+    streamer.gripper = GripperSequence(GripperCommands(hand))
+    skill = streamer.player.tool.skill
+    streamer.use(skill.with_events([GripperEvent(0.05, 0.02, 0.0, 0.1)]), 'grasp')
+    by_python, tick = [], streamer.tick_only
+    monkeypatch.setattr(streamer, 'tick_only', lambda *each: by_python.append(0) or tick(*each))
+    cycles, loop, found = node._ticks(), node._compiled, []
+    loop.look()
+    streamer.begin()
+    while not hand.sent:
+        next(cycles)
+    # The motion comes to rest behind the place of the command, and goes on when it is done.
+    assert 0.05 <= streamer.player.rollout.progress < 0.1
+    begun = len(by_python)
+    while streamer.gripper.waits_for_more(streamer.player):
+        next(cycles)
+    awaited = len(by_python)
+    assert awaited - begun >= hand.needs
+    threading.Timer(0.2, loop.call).start()
+    while (message := references.take_message()) is not None:
+        found.append(message)
+    next(cycles)
+    while len(by_python) < awaited + 1:
+        next(cycles)
+    while not found or found[-1].sequence < node._references.sequence:
+        message = references.take_message()
+        if message is not None:
+            found.append(message)
+    assert (np.diff([one.sequence for one in found]) == 1).all()
+    assert streamer.player.rollout.speed > 0.0
+
+
 def test_objects_are_looked_for_more_often_than_the_robot(server):
     """Also where the ticks are rare: these last as long as 15 of the usual ones."""
     node, _ = server
@@ -460,7 +530,7 @@ def test_objects_are_looked_for_more_often_than_the_robot(server):
     node._period_ns = lambda: NS // 66
     looking, polls, looks = node._look_around(node._compiled), [], []
     poll, look = node._poll, node.streamer.look
-    node._poll = lambda came: polls.append(0) or poll()
+    node._poll = lambda came: polls.append(0) or poll(came)
     node.streamer.look = lambda: looks.append(0) or look()
     for _ in range(50):
         next(looking)

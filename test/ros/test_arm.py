@@ -153,7 +153,7 @@ def test_invalid_references_are_refused_and_counted_and_the_arm_holds(running):
     assert 'reference refused' in running.log(ARM)
 
 
-def test_topics_for_viewers_have_100_hz(running):
+def test_parts_of_the_state_have_100_hz(running):
     joints = running.collect(JointState, 'joint_states')
     poses = running.collect(PoseStamped, f'{ARM}/measured_pose')
     running.wait('both', lambda: len(joints) > 100 and len(poses) > 100)
@@ -252,7 +252,7 @@ def test_joints_move_by_name_until_the_goal_is_cancelled(running):
     assert np.abs(np.array(running.robot[-1].position) - begun).max() > 0.05
 
 
-def test_an_arm_whose_viewers_are_not_served_any_more_is_deactivated(nodes, monkeypatch):
+def test_an_arm_that_does_not_look_for_subscribers_any_more_is_deactivated(nodes, monkeypatch):
     def broken(publisher):
         raise ValueError('broken')
     nodes.start_arm()

@@ -25,6 +25,7 @@ class ArmBackend:
         description and its links
     :ivar node: of the arm
     :ivar model: of the arm, with its tool; known after `open`
+    :ivar period: of its ticks [s]; known after `open`
     """
 
     name: ClassVar[str]
@@ -33,6 +34,7 @@ class ArmBackend:
     described: ClassVar[bool] = False
     node: ArmNode
     model: Arm
+    period: float
 
     def open(self) -> ArmDriver:
         """

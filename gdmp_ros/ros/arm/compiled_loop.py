@@ -153,13 +153,27 @@ def take_references(loop, links, scratch, controller, now):
 
 
 @kernel
-def note_state(scratch, controller, stamp):
-    """Write down the state of the tick that was made; whether somebody wants some of it."""
+def note_state(links, scratch, controller, stamp):
+    """Write down the state of the tick that was made; whether some of it is to be sent."""
     written = scratch.written
     written[0] += 1
-    written[4] = write_state(controller.numbers, controller.target, scratch.state)
+    written[3] = write_state(controller.numbers, controller.target, scratch.state)
     written[1], written[2] = written[0], stamp
-    return written[3] != 0
+    return is_wanted(links, written[0])
+
+
+@kernel
+def is_wanted(links, tick):
+    """Whether the state of a tick is to be sent, or a part of it."""
+    result = links.wanted[0]
+    for k in range(len(links.parts)):
+        result = result or _is_due(links, k, tick)
+    return result
+
+
+@kernel
+def _is_due(links, part, tick):
+    return links.wanted[1 + part] and (tick - part) % links.every[0] == 0
 
 
 @kernel
@@ -175,7 +189,7 @@ def send_state(links, numbers, stamp, sequence, mode, tick, of_joints):
     elif links.wanted[0]:
         _send(links.functions, links.states, numbers, stamp, sequence, mode, tick)
     for k in range(len(links.parts)):
-        if links.wanted[1 + k] and (tick - k) % links.every[0] == 0:
+        if _is_due(links, k, tick):
             part = links.parts[k]
             write_numbers(part, numbers[8 * links.firsts[k]:])
             if part.parts.size > 0:
@@ -215,9 +229,9 @@ def run(loop, clocks, lateness, links, scratch, robot, controller, dt):
         if result not in (MADE, CALLED):
             return result
         stamp = loop[STAMP] - (loop[LEFT] - 1) * loop[PERIOD]
-        if note_state(scratch, controller, stamp):
+        if note_state(links, scratch, controller, stamp):
             send_state(links, scratch.state_bytes, stamp, loop[SEQUENCE], loop[MODE],
-                       scratch.written[0], scratch.written[4] != 0)
+                       scratch.written[0], scratch.written[3] != 0)
         loop[LEFT] -= 1
         if result == CALLED:
             return CALLED
@@ -235,7 +249,8 @@ def idle(size: int) -> tuple[np.ndarray, Links, Scratch]:
     layout = Layout(data, np.zeros((0, 2), dtype=np.int64), integers, integers)
     outlet = Outlet(integers, integers, integers, integers)
     return (numbers, Links(integers, integers, integers, layout, layout, outlet, outlet,
-                           4 * (outlet,), integers, integers, np.zeros(5, dtype=np.bool_)),
+                           4 * (outlet,), integers, np.ones(1, dtype=np.int64),
+                           np.zeros(5, dtype=np.bool_)),
             Scratch(integers, doubles, data, doubles, data, doubles, data, integers))
 
 
@@ -268,7 +283,7 @@ class ArmLoop(CompiledLoop):
         self._links = Links(
             rcl_functions(), np.zeros(1, dtype=np.int64), self._taken.numbers, *reader.layouts,
             states[0].outlet, states[1].outlet, (pose, applied, requested, joints_part),
-            np.array([part.first for part in out.parts]), np.array([out.every]), out.wanted)
+            np.array([part.first for part in out.parts]), out.every, out.wanted)
         tool, joints = (np.zeros(len(layout.places)) for layout in reader.layouts)
         self._scratch = Scratch(np.zeros(2, dtype=np.int64), tool, tool.view(np.uint8), joints,
                                 joints.view(np.uint8), out.numbers, out.numbers.view(np.uint8),

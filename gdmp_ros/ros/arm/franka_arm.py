@@ -60,7 +60,7 @@ class FrankaArm(ArmBackend):
     def open(self) -> FrankaDriver:
         node, p = self.node, self.node.parameters
         robot = FrankaRobot(settings_from(p, FrankaSettings), self._opened)
-        self.model = Arm('fr3')
+        self.model, self.period = Arm('fr3'), CYCLE_S
         driver = self._driver = FrankaDriver(robot, p.rotor_inertia, p.wall_time)
         if driver.misplaced > MISPLACED_M:
             node.get_logger().warning(

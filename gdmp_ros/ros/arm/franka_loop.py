@@ -131,7 +131,7 @@ def put(outbox, loop, scratch, stamp):
     state, parts = outbox.states[count % WAITING], outbox.parts[count % WAITING]
     copy_into(scratch.state_bytes, state)
     parts[0], parts[1], parts[2], parts[3], parts[4] = (
-        stamp, loop[SEQUENCE], loop[MODE], scratch.written[0], scratch.written[4])
+        stamp, loop[SEQUENCE], loop[MODE], scratch.written[0], scratch.written[3])
     outbox.counts[PUT] = count + 1
     post(outbox.calls, outbox.posted)
 
@@ -212,7 +212,7 @@ def run(loop, times, links, scratch, outbox, herald, link, controller, by_wall_t
             _call(loop, herald)
         elif result != MADE:
             return result
-        if note_state(scratch, controller, stamp) or loop[CLOCKED] != 0:
+        if note_state(links, scratch, controller, stamp) or loop[CLOCKED] != 0:
             put(outbox, loop, scratch, stamp)
         robot_ns = wire.integers[NUMBER] * _CYCLE_NS
         note(times.lateness, robot_ns, steady_ns(clocks, spec) - wire.integers[ARRIVED], 0)

@@ -119,7 +119,7 @@ class ArmNode(ManagedNode):
         self._status_out = self.add_publisher(ArmStatus, '~/status', 10)
         self._description = self.add_publisher(String, 'robot_description', 1, late=True)
         self.state_out = StatePublisher(self, p.frame_id, self.joint_names,
-                                        self.control.driver.dt, p.visualization_rate_hz,
+                                        self.backend.period, p.visualization_rate_hz,
                                         '~/' if self.backend.described else '')
         self.describe()
         self.add_report(self._report)

@@ -68,6 +68,7 @@ class PositionArm(ArmBackend):
                 'there is no sensor (wrench_topic): the arm follows stiffly, whatever the '
                 'stiffness of its references')
         self._await()
+        self.period = self.link.cycle
         self.driver = PositionDriver(self.model, self.link,
                                      settings_from(p, AdmittanceSettings), sensor)
         return self.driver

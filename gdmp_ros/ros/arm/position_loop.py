@@ -32,6 +32,7 @@ from gdmp_ros.ros.arm.compiled_loop import (
     ArmLoop,
     ASKED,
     idle,
+    is_wanted,
     MESSAGE,
     MODE,
     NUMBERS,
@@ -155,11 +156,11 @@ def run(loop, clocks, lateness, links, topics, heard, scratch, view, controller)
         send_message(links.functions, topics.commands)
         written = scratch.written
         written[0] += 1
-        written[4] = write_arm(view, controller, scratch.state)
+        written[3] = write_arm(view, controller, scratch.state)
         written[1], written[2] = written[0], now
-        if written[3] != 0:
+        if is_wanted(links, written[0]):
             send_state(links, scratch.state_bytes, now, loop[SEQUENCE], loop[MODE], written[0],
-                       written[4] != 0)
+                       written[3] != 0)
         loop[LEFT] = 0
         if result == CALLED:
             return CALLED

@@ -64,7 +64,7 @@ class SimulatedArm(ArmBackend):
 
     def open(self) -> SimulatedDriver:
         self.model, gripper = simulated_arm(self.node.parameters)
-        self.driver = SimulatedDriver(self.model, gripper)
+        self.driver, self.period = SimulatedDriver(self.model, gripper), self.model.period
         self.paused = False
         # Ticks of the last request that a pause prevented.
         self._steps_dropped = 0

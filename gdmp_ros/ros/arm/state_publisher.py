@@ -3,6 +3,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
+import math
 from typing import NamedTuple
 
 from gdmp_msgs.msg import RobotState
@@ -33,15 +34,16 @@ class StatePart(NamedTuple):
     A part of the state that is published at a lower rate.
 
     :ivar first: of its numbers among those of the state
+    :ivar numbers: how many it has
     """
 
     stream: Stream
     first: int
-    size: int
+    numbers: int
 
-    def publish(self, numbers: np.ndarray, stamp_ns: int) -> None:
-        """Publish the part of a state."""
-        self.stream.publish(numbers[self.first:self.first + self.size], stamp_ns)
+    def publish(self, state: np.ndarray, stamp_ns: int) -> None:
+        """Publish the part of a state, from the numbers of the state."""
+        self.stream.publish(state[self.first:self.first + self.numbers], stamp_ns)
 
 
 class StatePublisher:
@@ -53,14 +55,14 @@ class StatePublisher:
     :ivar tf: publisher of the links
     :ivar states: publisher of ``~/state``
     :ivar parts: of the state: measured pose, applied and requested stiffness, joints
-    :ivar every: ticks for one message of each part; each has another tick
+    :ivar every: ticks between two messages of a part, shape (1,); the parts take turns
     :ivar wanted: whether the state has subscribers, and each part
     :ivar templates: of its messages, without and with a reference of the joints
     :ivar numbers: of the last tick (`gdmp_ros.ros.messages.robot_state_numbers`), with room for a
         reference of the joints
     :ivar written: number of the tick that was begun to be written, of the one that is whole, and
-        its stamp [ns], whether anything is wanted, and whether the joints follow a reference: a
-        loop without the interpreter writes and reads them too
+        its stamp [ns], and whether the joints follow a reference: a loop without the interpreter
+        writes them too
     :ivar others: gives positions of a gripper and of objects
     """
 
@@ -72,7 +74,7 @@ class StatePublisher:
         :param frame: ``frame_id`` of the states
         :param joints: names of the joints
         :param period: of the ticks [s]
-        :param rate_hz: of the parts
+        :param rate_hz: largest one of the parts
         :param prefix: of ``joint_states``, which a driver of the arm may publish itself
         """
         self.states = node.add_publisher(RobotState, '~/state', DEEP)
@@ -91,11 +93,11 @@ class StatePublisher:
             (stiffness_stream(node, '~/requested_stiffness'), 55, 36),
             (joints_stream(node, f'{prefix}joint_states', joints), ROBOT_STATE_FIXED,
              3 * len(joints)))]
-        self.every = max(round(1.0 / (rate_hz * period)), 1)
+        self.every = np.array([math.ceil(1.0 / (rate_hz * period) - 1e-9)])
         self.wanted = np.zeros(1 + len(self.parts), dtype=np.bool_)
         self.tf = TfPublisher(node)
         self.numbers = np.zeros(ROBOT_STATE_FIXED + 6 * len(joints))
-        self.written = np.zeros(5, dtype=np.int64)
+        self.written = np.zeros(4, dtype=np.int64)
         self.others: Callable[[], np.ndarray] = lambda: _NOTHING
         self._repeats = 0
         self._links_ns, self._count = round(LINKS_EVERY * NS / rate_hz), len(joints)
@@ -122,7 +124,7 @@ class StatePublisher:
 
     def _publish_parts(self, numbers: np.ndarray, stamp_ns: int, number: int) -> None:
         for k, part in enumerate(self.parts):
-            if part.stream.has_subscribers and (number - k) % self.every == 0:
+            if part.stream.has_subscribers and (number - k) % self.every[0] == 0:
                 part.publish(numbers, stamp_ns)
 
     def last(self) -> tuple[np.ndarray, int]:
@@ -150,7 +152,6 @@ class StatePublisher:
         check_subscribers(*streams)
         self.tf.check()
         self.wanted[:] = [stream.has_subscribers for stream in streams]
-        self.written[3] = self.wanted.any()
 
     def _show_links(self) -> None:
         numbers, stamp_ns = self.last()

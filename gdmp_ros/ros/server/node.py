@@ -136,6 +136,7 @@ class TrajectoryServer(ManagedNode):
         super().__init__('trajectory_server', namespace)
         self.parameters = Parameters(self, SPECS)
         self._learning = LearningProcess(self, self.parameters)
+        self._came = True  # goals, since they were used last
         self._configured = False
 
     # Lifecycle
@@ -324,8 +325,10 @@ class TrajectoryServer(ManagedNode):
 
         :param came: whether goals may have come
         """
+        self._came |= came
         if self.streamer.joints == 0:
-            if came or self.goals.waiting:
+            if self._came or self.goals.waiting:
+                self._came = False
                 self.goals.poll(self.parameters.tf_timeout)
             self.streamer.follow_objects()
 
