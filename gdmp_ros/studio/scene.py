@@ -24,6 +24,8 @@ _MARK = 0.008
 _USUAL, _LEAST_SCALE = 0.2, 0.1
 #: Thickness of lines [pixels].
 _LINE = 3.0
+#: Views that differ by less are the same [m].
+_SAME = 1e-3
 _GHOST = (90, 140, 220)
 _Colour = tuple[int, int, int]
 
@@ -135,6 +137,11 @@ def _turn(camera: Any, view: View) -> None:
     camera.position, camera.look_at = view.eye, view.looked_at
 
 
+def _is_near(one: View, other: View) -> bool:
+    return bool(np.allclose(one.eye, other.eye, atol=_SAME)
+                and np.allclose(one.looked_at, other.looked_at, atol=_SAME))
+
+
 class Scene:
     """
     The scene of one page.
@@ -162,7 +169,7 @@ class Scene:
         self._volumes: dict[str, Any] = {}
         self._notes: list[Any] = []
         self.look(None)
-        server.on_client_connect(self._turn)
+        server.on_client_connect(self._join)
 
     def look(self, path: np.ndarray | None) -> None:
         """Look at a path: in browsers that come, and in those that are there; see `first_view`."""
@@ -178,11 +185,25 @@ class Scene:
         for client in self._server.get_clients().values():
             self._turn(client)
 
+    def _join(self, client: viser.ClientHandle) -> None:
+        self._turn(client)
+        client.camera.on_update(lambda _: self._turn_from_general(client))
+
     def _turn(self, client: viser.ClientHandle) -> None:
         """Show a browser the whole path, also one that is narrow, or has a panel below."""
+        _turn(client.camera, self._view_of(client))
+
+    def _view_of(self, client: viser.ClientHandle) -> View:
         camera = client.camera
-        _turn(camera, first_view(self._looked_at, camera.aspect,
-                                 COVERED if camera.image_width < PHONE else 0.0))
+        return first_view(self._looked_at, camera.aspect,
+                          COVERED if camera.image_width < PHONE else 0.0)
+
+    def _turn_from_general(self, client: viser.ClientHandle) -> None:
+        """Turn a browser with the view of all browsers: it may come later than its own one."""
+        camera, general = client.camera, first_view(self._looked_at)
+        if (_is_near(View(camera.position, camera.look_at), general)
+                and not _is_near(self._view_of(client), general)):
+            self._turn(client)
 
     def show(self, layer: str, visible: bool) -> None:
         """
