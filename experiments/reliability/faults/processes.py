@@ -118,6 +118,11 @@ def late_discovery(trial: FaultTrial, quick: bool) -> TrialResult:
     return outcome
 
 
+#: The allocator and the pools of DDS take memory in steps: so much is no growth with every restart
+#: [bytes].
+ALLOCATED = 1024 * 1024
+
+
 def restarts(trial: FaultTrial, quick: bool) -> TrialResult:
     """Server started and ended again and again under a running arm"""
     outcome, count = TrialResult(), 3 if quick else 50
@@ -138,7 +143,7 @@ def restarts(trial: FaultTrial, quick: bool) -> TrialResult:
     outcome.need('new shared-memory files per kill', (
         _shared_files() - shared) / (count // 2), lambda v: v == 0)
     outcome.need('growth of the memory of the simulation per restart [KiB]',
-                 (_memory(trial) - memory) / count / 1024, lambda v: v < 256)
+                 max(_memory(trial) - memory - ALLOCATED, 0) / count / 1024, lambda v: v < 256)
     run = trial.finish(outcome, None, follows=False)
     path = run.poses[:, :3] - run.poses[0, :3]
     outcome.need('the arm moved by [m]', float(abs(path).max()), lambda v: v < 1e-3)
