@@ -118,8 +118,8 @@ def late_discovery(trial: FaultTrial, quick: bool) -> TrialResult:
     return outcome
 
 
-#: The allocator and the pools of DDS take memory in steps: so much is no growth with every restart
-#: [bytes].
+#: The allocator and the pools of DDS take memory in steps, however many restarts there are: this
+#: much is not counted as growth [bytes].
 ALLOCATED = 1024 * 1024
 
 

@@ -136,7 +136,7 @@ class StatePublisher:
                 return numbers, stamp_ns
 
     def show(self, clock: Clock) -> Loop:
-        """Look for subscribers, and publish the links while somebody looks at them."""
+        """Look for subscribers again and again; publish the links while /tf has some."""
         look_at = 0
         while True:
             now = clock.now()
